@@ -1,0 +1,3 @@
+//! vamaro-swarm
+pub mod error;
+pub mod rng;
