@@ -1,3 +1,4 @@
 //! vamaro-swarm
 pub mod error;
+pub mod nn;
 pub mod rng;
