@@ -1,0 +1,224 @@
+//! The policy file, version 1: safetensors with a description in its metadata. See `docs/policy-file.md`.
+
+use super::networks::{Networks, PredictorSpec};
+use super::policy::Meta;
+use super::weights::Line;
+use crate::error::{Error, Result};
+use crate::{failed, usage};
+use memmap2::Mmap;
+use safetensors::{Dtype, SafeTensors};
+use serde::Serialize;
+use serde::de::{DeserializeOwned, IntoDeserializer};
+use serde_json::{Map, Value, json};
+use std::collections::{BTreeMap, HashMap};
+use std::fs::{File, Permissions};
+use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+
+const FORMAT: &str = "vamaro-swarm policy";
+const VERSION: &str = "1";
+
+/// What a policy file says of itself, read without its weights and without knowing the task.
+#[derive(Clone, Debug)]
+pub struct PolicyFile {
+    /// Where it comes from.
+    pub meta: Meta,
+    /// What networks it holds.
+    pub networks: Networks,
+    /// Names, shapes and places of its tensors, by name.
+    pub tensors: Vec<FileTensor>,
+    /// Where the values start, in bytes from the start of the file.
+    pub(super) data: usize,
+}
+
+/// A tensor in a policy file. All are f32.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FileTensor {
+    /// Its name.
+    pub name: String,
+    /// Its shape.
+    pub shape: Vec<usize>,
+    /// The index of its first value among all values of the file.
+    pub(super) start: usize,
+}
+
+impl PolicyFile {
+    /// Reads the description in the policy file at `path`.
+    ///
+    /// # Errors
+    /// `Usage` if there is no such file or it is not a policy of version 1, `Failed` if it is damaged.
+    pub fn read(path: &Path) -> Result<PolicyFile> {
+        PolicyFile::parse(&map(path)?, &path.display().to_string())
+    }
+
+    /// The number of weights and biases.
+    pub fn n_parameters(&self) -> usize {
+        self.tensors.iter().map(FileTensor::n_values).sum()
+    }
+
+    /// The description in `bytes`, the content of a file that errors call `source`.
+    pub(super) fn parse(bytes: &[u8], source: &str) -> Result<PolicyFile> {
+        let (header, content) = SafeTensors::read_metadata(bytes)
+            .map_err(|error| failed!("{source} is damaged, or no policy file: {error}"))?;
+        let none = HashMap::new();
+        let words = Words { words: content.metadata().as_ref().unwrap_or(&none), source };
+        let (meta, networks) = words.read()?;
+
+        let mut tensors = Vec::new();
+        for (name, info) in content.tensors() {
+            if info.dtype != Dtype::F32 {
+                return Err(failed!("{source}: tensor {name} is {}, expected F32", info.dtype));
+            }
+            let start = info.data_offsets.0 / size_of::<f32>();
+            tensors.push(FileTensor { name, shape: info.shape.clone(), start });
+        }
+        tensors.sort_by(|a, b| a.name.cmp(&b.name));
+        Ok(PolicyFile { meta, networks, tensors, data: size_of::<u64>() + header })
+    }
+}
+
+impl FileTensor {
+    /// The number of values.
+    pub fn n_values(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+/// The content of the file at `path`, not copied.
+pub(super) fn map(path: &Path) -> Result<Mmap> {
+    let about = std::fs::metadata(path).map_err(|error| usage!("cannot open {}: {error}", path.display()))?;
+    if !about.is_file() {
+        return Err(usage!("{} is not a file; expected a policy file", path.display()));
+    }
+    let file = File::open(path).map_err(|error| Error::io("open", path, error))?;
+    // SAFETY: the bytes must not change while they are mapped. Policy files are replaced by a rename and
+    // never written in place (`write` below), so that a mapping keeps the file it was made from. Somebody
+    // who overwrites one in place all the same breaks this, as with any mapped file.
+    unsafe { Mmap::map(&file) }.map_err(|error| Error::io("map", path, error))
+}
+
+/// Writes a policy file: beside `path` first, and then renamed, so that there is always a whole one.
+///
+/// Tensors that fill whole cache lines come first, and the header is padded to whole cache lines, so that
+/// those tensors start on one when the file is mapped.
+pub(super) fn write<'a>(
+    path: &Path,
+    meta: &Meta,
+    networks: &Networks,
+    tensors: impl Iterator<Item = (&'a str, &'a [usize], &'a [f32])>,
+) -> Result<()> {
+    let (lines, others): (Vec<_>, Vec<_>) =
+        tensors.partition(|(_, _, values)| values.len() % Line::VALUES == 0);
+    let mut header = Map::new();
+    header.insert("__metadata__".to_string(), json!(words(meta, networks)));
+    let mut offset = 0;
+    for (name, shape, values) in lines.iter().chain(&others) {
+        let end = offset + size_of_val(*values);
+        header
+            .insert(name.to_string(), json!({"dtype": "F32", "shape": shape, "data_offsets": [offset, end]}));
+        offset = end;
+    }
+    let mut header = Value::Object(header).to_string().into_bytes();
+    let length = (size_of::<u64>() + header.len()).next_multiple_of(Line::BYTES) - size_of::<u64>();
+    header.resize(length, b' ');
+
+    let put = || -> std::io::Result<()> {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // As for any new file, the user's umask decides who may read it.
+        let permissions = Permissions::from_mode(0o666);
+        let mut file = tempfile::Builder::new().permissions(permissions).tempfile_in(folder)?;
+        file.write_all(&(length as u64).to_le_bytes())?;
+        file.write_all(&header)?;
+        for (_, _, values) in lines.iter().chain(&others) {
+            file.write_all(bytemuck::cast_slice(values))?;
+        }
+        file.as_file().sync_all()?;
+        file.persist(path)?;
+        Ok(())
+    };
+    put().map_err(|error| Error::io("write", path, error))
+}
+
+/// The metadata of a policy file.
+fn words(meta: &Meta, networks: &Networks) -> BTreeMap<&'static str, String> {
+    BTreeMap::from([
+        ("format", FORMAT.to_string()),
+        ("version", VERSION.to_string()),
+        ("task", meta.task.clone()),
+        ("algorithm", meta.algorithm.clone()),
+        ("steps", meta.steps.to_string()),
+        ("seed", meta.seed.to_string()),
+        ("program", meta.program.clone()),
+        ("origin", meta.origin.clone()),
+        ("actor", word(networks.actor)),
+        ("sharing", word(networks.sharing)),
+        ("hidden", networks.hidden.to_string()),
+        ("predictors", json!(networks.predictors).to_string()),
+    ])
+}
+
+fn word(variant: impl Serialize) -> String {
+    let value = serde_json::to_value(variant).expect("a unit variant is a JSON string");
+    value.as_str().expect("a unit variant is a JSON string").to_string()
+}
+
+/// The metadata of a file that errors call `source`.
+struct Words<'a> {
+    words: &'a HashMap<String, String>,
+    source: &'a str,
+}
+
+impl Words<'_> {
+    fn read(&self) -> Result<(Meta, Networks)> {
+        let source = self.source;
+        if self.words.get("format").map(String::as_str) != Some(FORMAT) {
+            return Err(usage!(
+                "{source} is a safetensors file but no policy: its metadata does not say `format: {FORMAT}`"
+            ));
+        }
+        let version = self.text("version")?;
+        if version != VERSION {
+            return Err(usage!(
+                "{source} is a policy file of version {version}; this program reads version {VERSION}"
+            ));
+        }
+        let meta = Meta {
+            task: self.text("task")?.to_string(),
+            algorithm: self.text("algorithm")?.to_string(),
+            steps: self.number("steps")?,
+            seed: self.number("seed")?,
+            program: self.text("program")?.to_string(),
+            origin: self.text("origin")?.to_string(),
+        };
+        let predictors: Vec<PredictorSpec> = serde_json::from_str(self.text("predictors")?)
+            .map_err(|error| failed!("{source}: cannot read `predictors` in its metadata: {error}"))?;
+        let networks = Networks {
+            actor: self.variant("actor")?,
+            sharing: self.variant("sharing")?,
+            hidden: self.number("hidden")?.try_into().unwrap_or(usize::MAX),
+            predictors,
+        };
+        networks.check().map_err(|error| failed!("{source}: {error}"))?;
+        Ok((meta, networks))
+    }
+
+    fn text(&self, key: &str) -> Result<&str> {
+        let value =
+            self.words.get(key).ok_or_else(|| failed!("{} has no `{key}` in its metadata", self.source));
+        value.map(String::as_str)
+    }
+
+    fn number(&self, key: &str) -> Result<u64> {
+        let text = self.text(key)?;
+        text.parse().map_err(|_| {
+            failed!("{}: `{key}` in its metadata is {text:?}, expected a whole number", self.source)
+        })
+    }
+
+    fn variant<T: DeserializeOwned>(&self, key: &str) -> Result<T> {
+        let text: serde::de::value::StrDeserializer<serde::de::value::Error> =
+            self.text(key)?.into_deserializer();
+        T::deserialize(text).map_err(|error| failed!("{}: `{key}` in its metadata: {error}", self.source))
+    }
+}

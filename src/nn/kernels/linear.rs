@@ -1,0 +1,153 @@
+//! The matrix product, blocked for registers.
+
+use super::{load, store};
+use pulp::{Simd, WithSimd};
+
+/// Where the sum of an output starts.
+#[derive(Clone, Copy, Debug)]
+pub enum Start<'a> {
+    /// At the bias of that output, `[n]`.
+    Bias(&'a [f32]),
+    /// At what the output holds.
+    Output,
+}
+
+/// `y = x @ weight + start`, see [`linear`](super::linear()).
+pub(super) struct Linear<'a> {
+    rows: usize,
+    /// Inputs of a row.
+    k: usize,
+    /// Outputs of a row.
+    n: usize,
+    x: &'a [f32],
+    weight: &'a [f32],
+    start: Start<'a>,
+    y: &'a mut [f32],
+}
+
+/// Columns are taken in panels of this many vectors, and all rows are taken through one panel before the
+/// next: a panel of weights stays in the core's own cache (256 KiB at k = 256 and 16 lanes).
+const PANEL: usize = 16;
+
+impl<'a> Linear<'a> {
+    /// Checks the shapes; `None` when there is nothing to compute.
+    pub(super) fn new(
+        rows: usize,
+        x: &'a [f32],
+        weight: &'a [f32],
+        start: Start<'a>,
+        y: &'a mut [f32],
+    ) -> Option<Linear<'a>> {
+        if y.is_empty() {
+            return None;
+        }
+        let (k, n) = (x.len() / rows, y.len() / rows);
+        assert_eq!(x.len(), rows * k, "linear: x is not [rows, k]");
+        assert_eq!(y.len(), rows * n, "linear: y is not [rows, n]");
+        assert_eq!(weight.len(), k * n, "linear: the weight is not [k, n] = [{k}, {n}]");
+        if let Start::Bias(bias) = start {
+            assert_eq!(bias.len(), n, "linear: the bias is not [n]");
+        }
+        Some(Linear { rows, k, n, x, weight, start, y })
+    }
+
+    /// The outputs of `R` rows from `row` and the columns of one panel: tiles of `V` vectors, then of one,
+    /// then the last columns that fill no vector. Returns `R`.
+    #[inline(always)]
+    fn panel<S: Simd, const R: usize, const V: usize>(
+        &mut self,
+        simd: S,
+        row: usize,
+        from: usize,
+        to: usize,
+    ) -> usize {
+        let mut column = from;
+        while column + V * S::F32_LANES <= to {
+            self.tile::<S, R, V>(simd, row, column);
+            column += V * S::F32_LANES;
+        }
+        while column + S::F32_LANES <= to {
+            self.tile::<S, R, 1>(simd, row, column);
+            column += S::F32_LANES;
+        }
+        if column < to {
+            self.tail::<S, R>(simd, row, column, to);
+        }
+        R
+    }
+
+    /// `R` rows by `V` vectors, with all `R * V` sums in registers.
+    #[inline(always)]
+    fn tile<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, row: usize, column: usize) {
+        let (k, n, width) = (self.k, self.n, V * S::F32_LANES);
+        let x: [&[f32]; R] = std::array::from_fn(|r| &self.x[(row + r) * k..][..k]);
+        let mut sums = [[simd.splat_f32s(0.0); V]; R];
+        for (r, sums) in sums.iter_mut().enumerate() {
+            let start = match self.start {
+                Start::Bias(bias) => &bias[column..][..width],
+                Start::Output => &self.y[(row + r) * n + column..][..width],
+            };
+            sums.copy_from_slice(S::as_simd_f32s(start).0);
+        }
+        for (i, weights) in self.weight.chunks_exact(n).enumerate() {
+            let weights = S::as_simd_f32s(&weights[column..][..width]).0;
+            let weights: &[S::f32s; V] = weights.try_into().expect("the slice is V vectors wide");
+            for (x, sums) in x.iter().zip(&mut sums) {
+                let x = simd.splat_f32s(x[i]);
+                for (sum, &weight) in sums.iter_mut().zip(weights) {
+                    *sum = simd.mul_add_e_f32s(x, weight, *sum);
+                }
+            }
+        }
+        for (r, sums) in sums.iter().enumerate() {
+            let y = &mut self.y[(row + r) * n + column..][..width];
+            S::as_mut_simd_f32s(y).0.copy_from_slice(sums);
+        }
+    }
+
+    /// `R` rows by the last columns of a row, fewer than a vector.
+    #[inline(always)]
+    fn tail<S: Simd, const R: usize>(&mut self, simd: S, row: usize, column: usize, to: usize) {
+        let (k, n) = (self.k, self.n);
+        let x: [&[f32]; R] = std::array::from_fn(|r| &self.x[(row + r) * k..][..k]);
+        let mut sums: [S::f32s; R] = std::array::from_fn(|r| match self.start {
+            Start::Bias(bias) => load(simd, &bias[column..to]),
+            Start::Output => load(simd, &self.y[(row + r) * n..][column..to]),
+        });
+        for (i, weights) in self.weight.chunks_exact(n).enumerate() {
+            let weights = load(simd, &weights[column..to]);
+            for (x, sum) in x.iter().zip(&mut sums) {
+                *sum = simd.mul_add_e_f32s(simd.splat_f32s(x[i]), weights, *sum);
+            }
+        }
+        for (r, &sum) in sums.iter().enumerate() {
+            store(simd, &mut self.y[(row + r) * n..][column..to], sum);
+        }
+    }
+}
+
+impl WithSimd for Linear<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        // Tiles of as many sums as there are registers for. A single row is about reading memory: its tiles
+        // are as wide as they can be, so that weights are read in long runs.
+        let wide = S::REGISTER_COUNT >= 32;
+        for from in (0..self.n).step_by(PANEL * S::F32_LANES) {
+            let to = self.n.min(from + PANEL * S::F32_LANES);
+            let mut row = 0;
+            while row < self.rows {
+                row += match self.rows - row {
+                    6.. if wide => self.panel::<S, 6, 4>(simd, row, from, to),
+                    6.. => self.panel::<S, 6, 2>(simd, row, from, to),
+                    4.. if wide => self.panel::<S, 4, 4>(simd, row, from, to),
+                    4.. => self.panel::<S, 4, 2>(simd, row, from, to),
+                    2.. => self.panel::<S, 2, 4>(simd, row, from, to),
+                    _ if wide => self.panel::<S, 1, 16>(simd, row, from, to),
+                    _ => self.panel::<S, 1, 8>(simd, row, from, to),
+                };
+            }
+        }
+    }
+}

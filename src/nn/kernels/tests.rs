@@ -1,0 +1,164 @@
+use super::elementwise::{Relu, Sigmoid, Tanh};
+use super::linear::Linear;
+use super::*;
+use crate::rng::{Draws, Purpose};
+use proptest::prelude::*;
+
+/// Every instruction set that this machine has, because each one is a code path.
+fn arches() -> Vec<Arch> {
+    let mut arches = vec![Arch::Scalar, *ARCH];
+    #[cfg(target_arch = "x86_64")]
+    arches.extend(pulp::x86::V3::try_new().map(Arch::V3));
+    arches
+}
+
+fn numbers(seed: u64, n: usize, scale: f64) -> Vec<f32> {
+    let mut draws = Draws::new(seed, Purpose::Weights, 0, 0);
+    (0..n).map(|_| draws.between(-scale, scale) as f32).collect()
+}
+
+fn linear_on(arch: Arch, rows: usize, x: &[f32], weight: &[f32], start: Start, y: &mut [f32]) {
+    if let Some(op) = Linear::new(rows, x, weight, start, y) {
+        arch.dispatch(op);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn linear_is_the_product(rows in 1usize..20, k in 0usize..70, n in 1usize..300, seed in any::<u64>()) {
+        let (x, weight) = (numbers(seed, rows * k, 1.0), numbers(seed ^ 1, k * n, 1.0));
+        let (bias, before) = (numbers(seed ^ 2, n, 1.0), numbers(seed ^ 3, rows * n, 1.0));
+        for arch in arches() {
+            let mut y = before.clone();
+            linear_on(arch, rows, &x, &weight, Start::Bias(&bias), &mut y);
+            let mut sum = before.clone();
+            linear_on(arch, rows, &x, &weight, Start::Output, &mut sum);
+            for (r, c) in (0..rows).flat_map(|r| (0..n).map(move |c| (r, c))) {
+                let product: f64 =
+                    (0..k).map(|i| x[r * k + i] as f64 * weight[i * n + c] as f64).sum();
+                let (at, tolerance) = (r * n + c, 1e-6 * (k + 1) as f64);
+                prop_assert!((y[at] as f64 - product - bias[c] as f64).abs() < tolerance);
+                prop_assert!((sum[at] as f64 - product - before[at] as f64).abs() < tolerance);
+            }
+        }
+    }
+
+    #[test]
+    fn a_row_is_the_same_bits_alone_and_among_others(k in 1usize..60, n in 1usize..200, seed in any::<u64>()) {
+        same_bits_alone_and_among_others(k, n, seed);
+    }
+}
+
+#[test]
+fn a_row_is_the_same_bits_at_the_sizes_of_the_paper() {
+    for (k, n) in [(16, 256), (256, 256), (256, 768), (128, 512), (128, 32), (256, 5)] {
+        same_bits_alone_and_among_others(k, n, 7);
+    }
+}
+
+fn same_bits_alone_and_among_others(k: usize, n: usize, seed: u64) {
+    let (weight, bias) = (numbers(seed ^ 1, k * n, 1.0), numbers(seed ^ 2, n, 1.0));
+    let x = numbers(seed, 64 * k, 1.0);
+    for arch in arches() {
+        let run = |rows: usize, x: &[f32]| {
+            let mut y = vec![0.0; rows * n];
+            linear_on(arch, rows, x, &weight, Start::Bias(&bias), &mut y);
+            y
+        };
+        let alone: Vec<f32> = x.chunks(k).flat_map(|row| run(1, row)).collect();
+        for rows in [2, 3, 5, 6, 10, 64] {
+            let together = run(rows, &x[..rows * k]);
+            assert_eq!(bits(&together), bits(&alone[..rows * n]), "{arch:?}, {rows} rows, k {k}, n {n}");
+        }
+    }
+}
+
+#[test]
+fn instruction_sets_with_fused_multiply_add_agree_to_the_bit() {
+    let (x, weight, bias) = (numbers(1, 10 * 33, 1.0), numbers(2, 33 * 77, 1.0), numbers(3, 77, 1.0));
+    let mut results = Vec::new();
+    for arch in arches().into_iter().filter(|arch| !matches!(arch, Arch::Scalar)) {
+        let mut y = vec![0.0; 770];
+        linear_on(arch, 10, &x, &weight, Start::Bias(&bias), &mut y);
+        arch.dispatch(Tanh(&mut y));
+        results.push(bits(&y));
+    }
+    assert!(results.windows(2).all(|pair| pair[0] == pair[1]));
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn elementwise_functions_are_exact_to_a_few_units_in_the_last_place() {
+    let grid: Vec<f32> = (-200_000..=200_000).map(|i| i as f32 * 5e-4).collect();
+    for arch in arches() {
+        let (mut sigmoids, mut tanhs, mut relus) = (grid.clone(), grid.clone(), grid.clone());
+        arch.dispatch(Sigmoid(&mut sigmoids));
+        arch.dispatch(Tanh(&mut tanhs));
+        arch.dispatch(Relu(&mut relus));
+        for (i, &x) in grid.iter().enumerate() {
+            let sigmoid = 1.0 / (1.0 + (-x as f64).exp());
+            // Below -87 the smallest values are all 1.6e-38.
+            assert!(close(sigmoids[i], sigmoid), "{arch:?}: sigmoid({x}) = {}, not {sigmoid}", sigmoids[i]);
+            let tanh = (x as f64).tanh();
+            assert!(close(tanhs[i], tanh), "{arch:?}: tanh({x}) = {}, not {tanh}", tanhs[i]);
+            assert_eq!(relus[i], x.max(0.0));
+        }
+    }
+
+    fn close(found: f32, exact: f64) -> bool {
+        (found as f64 - exact).abs() <= 4.0 * f32::EPSILON as f64 * exact.abs() + 2e-38
+    }
+}
+
+#[test]
+fn elementwise_functions_pass_on_nan_and_end_at_their_limits() {
+    for arch in arches() {
+        // Nineteen values reach full vectors and tails.
+        let mut values = [f32::NAN; 19];
+        arch.dispatch(Relu(&mut values));
+        arch.dispatch(Sigmoid(&mut values));
+        arch.dispatch(Tanh(&mut values));
+        assert!(values.iter().all(|value| value.is_nan()), "{arch:?}");
+
+        let mut limits = [f32::NEG_INFINITY, f32::MIN, f32::MAX, f32::INFINITY];
+        arch.dispatch(Tanh(&mut limits));
+        assert_eq!(limits, [-1.0, -1.0, 1.0, 1.0], "{arch:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn gates_are_those_of_pytorch(rows in 1usize..5, h in 1usize..40, seed in any::<u64>()) {
+        let (input, recurrent) = (numbers(seed, rows * 4 * h, 4.0), numbers(seed ^ 1, rows * 3 * h, 4.0));
+        let (hidden, cell) = (numbers(seed ^ 2, rows * h, 1.0), numbers(seed ^ 3, rows * h, 2.0));
+        let bias = numbers(seed ^ 4, 4 * h, 1.0);
+        let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
+        for arch in arches() {
+            let mut gru = hidden.clone();
+            arch.dispatch(gates::Gru { h, input: &input[..rows * 3 * h], recurrent: &recurrent, hidden: &mut gru });
+            let (mut lstm, mut lstm_cell) = (hidden.clone(), cell.clone());
+            arch.dispatch(gates::Lstm { h, gates: &input, bias: &bias, hidden: &mut lstm, cell: &mut lstm_cell });
+            for (row, j) in (0..rows).flat_map(|row| (0..h).map(move |j| (row, j))) {
+                let at = row * h + j;
+                let gate = |values: &[f32], gates: usize, gate: usize| values[row * gates * h + gate * h + j] as f64;
+                let r = sigmoid(gate(&input, 3, 0) + gate(&recurrent, 3, 0));
+                let z = sigmoid(gate(&input, 3, 1) + gate(&recurrent, 3, 1));
+                let n = (gate(&input, 3, 2) + r * gate(&recurrent, 3, 2)).tanh();
+                let expected = (1.0 - z) * n + z * hidden[at] as f64;
+                prop_assert!((gru[at] as f64 - expected).abs() < 2e-6);
+
+                let gate = |g: usize| gate(&input, 4, g) + bias[g * h + j] as f64;
+                let expected = sigmoid(gate(1)) * cell[at] as f64 + sigmoid(gate(0)) * gate(2).tanh();
+                prop_assert!((lstm_cell[at] as f64 - expected).abs() < 2e-6);
+                prop_assert!((lstm[at] as f64 - sigmoid(gate(3)) * expected.tanh()).abs() < 2e-6);
+            }
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! What networks are made of: linear layers, recurrent cells, and the scratch memory of a forward pass.
+
+use super::kernels::{self, Start};
+use super::weights::{Line, Tensor};
+
+/// `y = x @ weight + bias`: weight `[inputs, outputs]`, bias `[outputs]`.
+#[derive(Clone, Debug)]
+pub(super) struct Linear {
+    pub weight: Tensor,
+    pub bias: Tensor,
+}
+
+impl Linear {
+    pub(super) fn forward(&self, rows: usize, x: &[f32], y: &mut [f32]) {
+        kernels::linear(rows, x, self.weight.values(), Start::Bias(self.bias.values()), y);
+    }
+}
+
+/// The weights of a GRU or LSTM cell with hidden size h and g gates (3 or 4): `weight_ih` `[inputs, g h]`,
+/// `weight_hh` `[h, g h]`, both biases `[g h]`.
+#[derive(Clone, Debug)]
+pub(super) struct Cell {
+    pub weight_ih: Tensor,
+    pub weight_hh: Tensor,
+    pub bias_ih: Tensor,
+    pub bias_hh: Tensor,
+}
+
+impl Cell {
+    /// One GRU step: `hidden` `[rows, h]` becomes that after `x`. `input` and `recurrent`, both
+    /// `[rows, 3 h]`, are scratch.
+    pub(super) fn gru(
+        &self,
+        rows: usize,
+        x: &[f32],
+        hidden: &mut [f32],
+        input: &mut [f32],
+        recurrent: &mut [f32],
+    ) {
+        kernels::linear(rows, x, self.weight_ih.values(), Start::Bias(self.bias_ih.values()), input);
+        kernels::linear(rows, hidden, self.weight_hh.values(), Start::Bias(self.bias_hh.values()), recurrent);
+        kernels::gru_gates(rows, input, recurrent, hidden);
+    }
+
+    /// One LSTM step: `hidden` and `cell` `[rows, h]` become those after `x`. `gates` `[rows, 4 h]` is
+    /// scratch.
+    pub(super) fn lstm(
+        &self,
+        rows: usize,
+        x: &[f32],
+        hidden: &mut [f32],
+        cell: &mut [f32],
+        gates: &mut [f32],
+    ) {
+        kernels::linear(rows, x, self.weight_ih.values(), Start::Bias(self.bias_ih.values()), gates);
+        kernels::linear(rows, hidden, self.weight_hh.values(), Start::Output, gates);
+        kernels::lstm_gates(rows, gates, self.bias_hh.values(), hidden, cell);
+    }
+}
+
+/// Memory for what lies between the layers of a forward pass.
+///
+/// It grows to the largest pass that it sees; from then on a pass allocates nothing. Any network can use any
+/// scratch: nothing in it outlives a pass.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch(Vec<Line>);
+
+impl Scratch {
+    /// Parts of these lengths, each on a cache line, with arbitrary content.
+    pub(super) fn split<const N: usize>(&mut self, lengths: [usize; N]) -> [&mut [f32]; N] {
+        let lines = lengths.map(|length| length.div_ceil(Line::VALUES));
+        let total = lines.iter().sum();
+        if self.0.len() < total {
+            self.0.resize(total, Line::ZERO);
+        }
+        let mut rest = &mut self.0[..];
+        std::array::from_fn(|part| {
+            let (front, back) = std::mem::take(&mut rest).split_at_mut(lines[part]);
+            rest = back;
+            &mut bytemuck::cast_slice_mut(front)[..lengths[part]]
+        })
+    }
+}

@@ -1,0 +1,48 @@
+//! The networks: what an agent decides and imputes with, and the file they are kept in.
+//!
+//! ```text
+//!     joint estimate -> Actor     -> logits            (what to do)
+//!     joint estimate -> Predictor -> mean of the delta (what the others will observe next)
+//! ```
+//!
+//! A [`Policy`] holds the actors of all agents and any number of named predictors. It is [read](Policy::open)
+//! from a policy file, which is mapped and not copied, [imported](import()) from the paper's published code,
+//! or [untrained](Policy::untrained). Networks run on flat f32 weights with state and scratch of the caller:
+//! no allocation, no threads, and every row independent of the rows computed with it.
+
+pub mod actor;
+mod file;
+mod import;
+pub mod kernels;
+mod layers;
+mod networks;
+pub mod policy;
+pub mod predictor;
+mod state_dict;
+#[cfg(test)]
+mod tests;
+mod weights;
+
+pub use actor::Actor;
+pub use file::PolicyFile;
+pub use import::import;
+pub use layers::Scratch;
+pub use networks::{ActorKind, Inputs, Networks, PredictorSpec, Sharing, Sigma, TensorSpec};
+pub use policy::{Meta, Policy};
+pub use predictor::{LstmState, Predictor};
+pub use weights::{Aligned, Tensor};
+
+/// The sizes a policy must fit: those of a task.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dims {
+    /// The task's id, such as `hear-see`.
+    pub task: String,
+    /// The number of agents.
+    pub n_agents: usize,
+    /// The length of the joint observation.
+    pub joint: usize,
+    /// How many dims of the joint observation, counted from the front, are predicted.
+    pub predicted: usize,
+    /// The number of actions of an agent.
+    pub n_actions: usize,
+}

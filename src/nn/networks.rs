@@ -1,0 +1,222 @@
+//! Which networks a policy is made of, and the tensors that follow from it.
+
+use super::Dims;
+use crate::rng::MAX_AGENTS;
+use serde::{Deserialize, Serialize};
+
+/// The networks of a policy: the actors of all agents and any number of predictors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Networks {
+    /// The kind of actor.
+    pub actor: ActorKind,
+    /// One actor per agent, or one for all.
+    pub sharing: Sharing,
+    /// The hidden size of the actors.
+    pub hidden: usize,
+    /// The predictors.
+    pub predictors: Vec<PredictorSpec>,
+}
+
+/// What lies between the first and the last layer of an actor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ActorKind {
+    /// A linear layer and a ReLU.
+    Mlp,
+    /// A GRU cell, whose state starts an episode at zero.
+    Gru,
+}
+
+/// Who runs which actor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sharing {
+    /// Each agent has a network of its own.
+    Separate,
+    /// All agents run one network, which sees the agent's id as a one-hot behind the joint estimate.
+    Shared,
+}
+
+/// What a predictor is called, sees and says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PredictorSpec {
+    /// Its name: lower-case letters, digits and dashes.
+    pub name: String,
+    /// What it sees.
+    pub inputs: Inputs,
+    /// How its raw log-std is to be read.
+    pub sigma: Sigma,
+    /// Dims that it never predicts: they keep their last known value.
+    pub held: Vec<usize>,
+    /// The hidden size of its layers.
+    pub hidden: usize,
+}
+
+/// What a predictor sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Inputs {
+    /// The agent's estimate of the joint observation.
+    Estimate,
+}
+
+/// From a predictor's raw log-std to its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sigma {
+    /// `sigma = exp(raw)`.
+    Exp,
+}
+
+/// A tensor that a policy must have.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TensorSpec {
+    /// Its name, such as `actors.0.fc1.weight`.
+    pub name: String,
+    /// Its shape; a weight is `[inputs, outputs]`, a bias `[outputs]`.
+    pub shape: Vec<usize>,
+    /// Untrained values are uniform between minus and plus this (PyTorch's defaults).
+    pub bound: f64,
+    /// The address of its untrained values. It counts inside a network: adding an agent or a predictor
+    /// changes no other network's weights, and all predictors start from the same ones, so that what they
+    /// come to is compared like with like.
+    pub number: u64,
+}
+
+/// No hidden layer of a policy is larger than this.
+const MAX_HIDDEN: usize = 1 << 14;
+
+impl Networks {
+    /// The networks of the paper: hidden size 256, one actor per agent, and one predictor of hidden size 128
+    /// called `value-aware`.
+    pub fn paper(actor: ActorKind) -> Networks {
+        let predictors = vec![PredictorSpec::paper("value-aware")];
+        Networks { actor, sharing: Sharing::Separate, hidden: 256, predictors }
+    }
+
+    /// Every tensor of a policy for `dims`: actors by agent, then predictors, each from input to output.
+    pub fn tensors(&self, dims: &Dims) -> Vec<TensorSpec> {
+        let mut list = List::default();
+        let (copies, ids) = match self.sharing {
+            Sharing::Separate => (dims.n_agents, 0),
+            Sharing::Shared => (1, dims.n_agents),
+        };
+        for agent in 0..copies {
+            list.network(self.actor_prefix(agent), agent);
+            list.linear("fc1", dims.joint + ids, self.hidden);
+            match self.actor {
+                ActorKind::Mlp => list.linear("fc2", self.hidden, self.hidden),
+                ActorKind::Gru => list.cell("gru", 3, self.hidden),
+            }
+            list.linear("out", self.hidden, dims.n_actions);
+        }
+        for predictor in &self.predictors {
+            list.network(predictor.prefix(), MAX_AGENTS);
+            list.linear("fc1", dims.joint, predictor.hidden);
+            list.cell("lstm", 4, predictor.hidden);
+            list.linear("out", predictor.hidden, 2 * dims.predicted);
+        }
+        list.tensors
+    }
+
+    /// The first part of the tensor names of this agent's actor.
+    pub(super) fn actor_prefix(&self, agent: usize) -> String {
+        match self.sharing {
+            Sharing::Separate => format!("actors.{agent}"),
+            Sharing::Shared => "actors.shared".to_string(),
+        }
+    }
+
+    /// Says what is wrong with this description by itself.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let hidden = |what: &str, size: usize| match size {
+            1..=MAX_HIDDEN => Ok(()),
+            _ => Err(format!("the hidden size of {what} is {size}, expected 1 to {MAX_HIDDEN}")),
+        };
+        hidden("the actors", self.hidden)?;
+        for (at, predictor) in self.predictors.iter().enumerate() {
+            let name = &predictor.name;
+            let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+            if name.is_empty() || !name.chars().all(allowed) {
+                return Err(format!(
+                    "a predictor is called {name:?}, expected lower-case letters, digits and dashes"
+                ));
+            }
+            if self.predictors[..at].iter().any(|other| other.name == *name) {
+                return Err(format!("two predictors are called {name:?}"));
+            }
+            hidden(&format!("predictor {name:?}"), predictor.hidden)?;
+        }
+        Ok(())
+    }
+
+    /// Says what of this description does not fit `dims`.
+    pub(super) fn check_fit(&self, dims: &Dims) -> Result<(), String> {
+        for PredictorSpec { name, held, .. } in &self.predictors {
+            if let Some(dim) = held.iter().find(|&&dim| dim >= dims.predicted) {
+                let predicted = dims.predicted;
+                return Err(format!(
+                    "predictor {name:?} holds dim {dim}, but only dims below {predicted} are predicted"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl PredictorSpec {
+    /// A predictor as in the paper: hidden size 128, sees the estimate, holds no dim.
+    pub fn paper(name: &str) -> PredictorSpec {
+        let (inputs, sigma) = (Inputs::Estimate, Sigma::Exp);
+        PredictorSpec { name: name.to_string(), inputs, sigma, held: Vec::new(), hidden: 128 }
+    }
+
+    /// The first part of the names of its tensors.
+    pub(super) fn prefix(&self) -> String {
+        format!("predictors.{}", self.name)
+    }
+}
+
+impl TensorSpec {
+    /// The number of values.
+    pub fn n_values(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+/// The tensors so far, and the network that the next ones belong to.
+#[derive(Default)]
+struct List {
+    tensors: Vec<TensorSpec>,
+    prefix: String,
+    number: u64,
+}
+
+impl List {
+    fn network(&mut self, prefix: String, number: usize) {
+        const TENSORS_PER_NETWORK: u64 = 16;
+        (self.prefix, self.number) = (prefix, number as u64 * TENSORS_PER_NETWORK);
+    }
+
+    fn linear(&mut self, layer: &str, inputs: usize, outputs: usize) {
+        self.push(layer, "weight", vec![inputs, outputs], inputs);
+        self.push(layer, "bias", vec![outputs], inputs);
+    }
+
+    /// A recurrent cell whose input is as wide as its hidden state, as all of them are here.
+    fn cell(&mut self, layer: &str, gates: usize, hidden: usize) {
+        self.push(layer, "weight_ih", vec![hidden, gates * hidden], hidden);
+        self.push(layer, "weight_hh", vec![hidden, gates * hidden], hidden);
+        self.push(layer, "bias_ih", vec![gates * hidden], hidden);
+        self.push(layer, "bias_hh", vec![gates * hidden], hidden);
+    }
+
+    /// `fan_in` is what PyTorch's initialisation takes the inverse square root of.
+    fn push(&mut self, layer: &str, tensor: &str, shape: Vec<usize>, fan_in: usize) {
+        let name = format!("{}.{layer}.{tensor}", self.prefix);
+        let bound = 1.0 / (fan_in as f64).sqrt();
+        self.tensors.push(TensorSpec { name, shape, bound, number: self.number });
+        self.number += 1;
+    }
+}

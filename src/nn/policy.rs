@@ -1,0 +1,291 @@
+//! A policy: the actors of all agents, and the predictors that keep their joint estimate alive.
+
+use super::actor::{Actor, Middle};
+use super::file::{self, PolicyFile};
+use super::layers::{Cell, Linear};
+use super::networks::{ActorKind, Networks, Sharing, TensorSpec};
+use super::predictor::Predictor;
+use super::weights::{Storage, Tensor};
+use super::{Dims, PredictorSpec};
+use crate::error::Result;
+use crate::rng::{Draws, Purpose};
+use crate::{failed, usage};
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// The networks of a task's agents, ready to run. Clones share the weights.
+#[derive(Clone, Debug)]
+pub struct Policy {
+    meta: Meta,
+    networks: Networks,
+    dims: Dims,
+    tensors: Vec<(TensorSpec, Tensor)>,
+    actors: Vec<Actor>,
+    predictors: Vec<Predictor>,
+}
+
+/// Where a policy comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Meta {
+    /// The task it is for, by id.
+    pub task: String,
+    /// What trained it, such as `mappo`; `none` if nothing did.
+    pub algorithm: String,
+    /// How many environment steps it was trained for.
+    pub steps: u64,
+    /// The seed of the run that made it.
+    pub seed: u64,
+    /// The program that wrote it, with its version.
+    pub program: String,
+    /// Anything else that a reader should know.
+    pub origin: String,
+}
+
+impl Meta {
+    /// For a policy that this program makes for `task` in a run with `seed`, before any training.
+    pub fn new(task: &str, seed: u64) -> Meta {
+        Meta {
+            task: task.to_string(),
+            algorithm: "none".to_string(),
+            steps: 0,
+            seed,
+            program: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_string(),
+            origin: "untrained".to_string(),
+        }
+    }
+}
+
+impl Policy {
+    /// The policy in the file at `path`. Its weights are mapped, not copied: they are in memory once for all
+    /// processes that open the file.
+    ///
+    /// # Errors
+    /// `Usage` if there is no such file, or it is not a policy, or one for another task; `Failed` if it is
+    /// damaged: a tensor missing, unexpected, of another shape or type than its description asks for, or
+    /// with a value that is not finite.
+    pub fn open(path: &Path, dims: &Dims) -> Result<Policy> {
+        let map = file::map(path)?;
+        let source = path.display().to_string();
+        let file = PolicyFile::parse(&map, &source)?;
+        let storage = Storage::mapped(map, file.data);
+        Policy::from_file(file, storage, dims, &source)
+    }
+
+    /// The policy in a file that is part of the program. The bytes are used where they are if they are
+    /// [`Aligned`](super::Aligned), and else copied.
+    ///
+    /// # Errors
+    /// As [`Policy::open`].
+    pub fn from_static(bytes: &'static [u8], dims: &Dims) -> Result<Policy> {
+        let source = "the embedded policy";
+        let file = PolicyFile::parse(bytes, source)?;
+        let storage = Storage::from_static(&bytes[file.data..]);
+        Policy::from_file(file, storage, dims, source)
+    }
+
+    /// A policy that has learned nothing: PyTorch's default initialisation, every tensor drawn at the address
+    /// (`seed`, [`Purpose::Weights`], [number of the tensor](TensorSpec::number)).
+    ///
+    /// # Errors
+    /// `Usage` if there cannot be such networks.
+    pub fn untrained(dims: &Dims, seed: u64, networks: Networks) -> Result<Policy> {
+        networks.check().map_err(|error| usage!("{error}"))?;
+        let mut values = Vec::new();
+        for tensor in networks.tensors(dims) {
+            let mut draws = Draws::new(seed, Purpose::Weights, tensor.number, 0);
+            values.extend((0..tensor.n_values()).map(|_| draws.between(-tensor.bound, tensor.bound) as f32));
+        }
+        Policy::new(dims, Meta::new(&dims.task, seed), networks, &values)
+    }
+
+    /// A policy with these values: those of [`Networks::tensors`], one tensor after the other, which it
+    /// copies.
+    ///
+    /// # Errors
+    /// `Usage` if there cannot be such networks; `Failed` if there are too many values or too few, or one is
+    /// not finite.
+    pub fn new(dims: &Dims, meta: Meta, networks: Networks, values: &[f32]) -> Result<Policy> {
+        networks.check().and_then(|()| networks.check_fit(dims)).map_err(|error| usage!("{error}"))?;
+        let specs = networks.tensors(dims);
+        let expected: usize = specs.iter().map(TensorSpec::n_values).sum();
+        if values.len() != expected {
+            return Err(failed!(
+                "a policy for {} got {} weights, expected {expected}",
+                dims.task,
+                values.len()
+            ));
+        }
+        let mut rest = values;
+        let parts = specs.iter().map(|spec| {
+            let (values, behind) = rest.split_at(spec.n_values());
+            rest = behind;
+            values
+        });
+        let (storage, ranges) = Storage::copy(parts);
+        let storage = Arc::new(storage);
+        let tensors = ranges.into_iter().map(|range| Tensor::new(storage.clone(), range));
+        let tensors = specs.into_iter().zip(tensors).collect();
+        Policy::assemble(dims, meta, networks, tensors, "the new policy")
+    }
+
+    /// This policy with other values, in the order of [`Policy::copy_values`].
+    ///
+    /// # Errors
+    /// `Failed` if there are too many values or too few, or one is not finite.
+    pub fn with_values(&self, values: &[f32]) -> Result<Policy> {
+        Policy::new(&self.dims, self.meta.clone(), self.networks.clone(), values)
+    }
+
+    /// Writes the policy to `path`, where there is always the old file or the new one.
+    ///
+    /// # Errors
+    /// `Failed` if it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let tensors = self.tensors().map(|(spec, tensor)| (&spec.name[..], &spec.shape[..], tensor.values()));
+        file::write(path, &self.meta, &self.networks, tensors)
+    }
+
+    /// The actor of this agent, which must be one of the task's.
+    pub fn actor(&self, agent: usize) -> &Actor {
+        &self.actors[agent]
+    }
+
+    /// The predictor of this name.
+    pub fn predictor(&self, name: &str) -> Option<&Predictor> {
+        self.predictors.iter().find(|predictor| predictor.spec.name == name)
+    }
+
+    /// The names of the predictors.
+    pub fn predictor_names(&self) -> impl Iterator<Item = &str> {
+        self.predictors.iter().map(|predictor| &predictor.spec.name[..])
+    }
+
+    /// Where this policy comes from.
+    pub fn meta(&self) -> &Meta {
+        &self.meta
+    }
+
+    /// What networks it is made of.
+    pub fn networks(&self) -> &Networks {
+        &self.networks
+    }
+
+    /// The sizes of its task.
+    pub fn dims(&self) -> &Dims {
+        &self.dims
+    }
+
+    /// Its tensors, in the order of [`Networks::tensors`].
+    pub fn tensors(&self) -> impl Iterator<Item = (&TensorSpec, &Tensor)> {
+        self.tensors.iter().map(|(spec, tensor)| (spec, tensor))
+    }
+
+    /// The number of weights and biases.
+    pub fn n_values(&self) -> usize {
+        self.tensors.iter().map(|(spec, _)| spec.n_values()).sum()
+    }
+
+    /// Copies all weights and biases, one tensor after the other, to `out`, which must be
+    /// [`n_values`](Policy::n_values) long.
+    pub fn copy_values(&self, mut out: &mut [f32]) {
+        assert_eq!(out.len(), self.n_values(), "copy_values: wrong length");
+        for (_, tensor) in &self.tensors {
+            let (front, rest) = out.split_at_mut(tensor.values().len());
+            front.copy_from_slice(tensor.values());
+            out = rest;
+        }
+    }
+
+    /// Checks what `file` promises against what `dims` needs and `storage` holds.
+    fn from_file(file: PolicyFile, storage: Storage, dims: &Dims, source: &str) -> Result<Policy> {
+        let PolicyFile { meta, networks, tensors: found, .. } = file;
+        if meta.task != dims.task {
+            return Err(usage!("{source} is a policy for task {}, not for {}", meta.task, dims.task));
+        }
+        networks.check_fit(dims).map_err(|error| failed!("{source}: {error}"))?;
+        let specs = networks.tensors(dims);
+        if let Some(extra) = found.iter().find(|tensor| specs.iter().all(|spec| spec.name != tensor.name)) {
+            return Err(failed!("{source}: unexpected tensor {}", extra.name));
+        }
+        let found: HashMap<&str, _> = found.iter().map(|tensor| (&tensor.name[..], tensor)).collect();
+        let storage = Arc::new(storage);
+        let mut tensors = Vec::with_capacity(specs.len());
+        for spec in specs {
+            let Some(tensor) = found.get(&spec.name[..]) else {
+                return Err(failed!("{source}: tensor {} {:?} is missing", spec.name, spec.shape));
+            };
+            if tensor.shape != spec.shape {
+                let (found, expected) = (&tensor.shape, &spec.shape);
+                return Err(failed!("{source}: tensor {} is {found:?}, expected {expected:?}", spec.name));
+            }
+            let range = tensor.start..tensor.start + spec.n_values();
+            tensors.push((spec, Tensor::new(storage.clone(), range)));
+        }
+        Policy::assemble(dims, meta, networks, tensors, source)
+    }
+
+    /// The networks of these tensors, which are those of [`Networks::tensors`].
+    fn assemble(
+        dims: &Dims,
+        meta: Meta,
+        networks: Networks,
+        tensors: Vec<(TensorSpec, Tensor)>,
+        source: &str,
+    ) -> Result<Policy> {
+        for (spec, tensor) in &tensors {
+            if let Some(at) = tensor.values().iter().position(|value| !value.is_finite()) {
+                let value = tensor.values()[at];
+                return Err(failed!(
+                    "{source}: tensor {} holds {value} at {at}, expected a number",
+                    spec.name
+                ));
+            }
+        }
+        let parts = Parts(tensors.iter().map(|(spec, tensor)| (&spec.name[..], tensor)).collect());
+        let actor = |agent| {
+            let prefix = networks.actor_prefix(agent);
+            let middle = match networks.actor {
+                ActorKind::Mlp => Middle::Linear(parts.linear(&prefix, "fc2")),
+                ActorKind::Gru => Middle::Gru(parts.cell(&prefix, "gru")),
+            };
+            let (fc1, out) = (parts.linear(&prefix, "fc1"), parts.linear(&prefix, "out"));
+            let id = (networks.sharing == Sharing::Shared).then_some(agent);
+            Actor { fc1, middle, out, id, joint: dims.joint }
+        };
+        let predictor = |spec: &PredictorSpec| {
+            let prefix = spec.prefix();
+            let (fc1, out) = (parts.linear(&prefix, "fc1"), parts.linear(&prefix, "out"));
+            Predictor { spec: spec.clone(), fc1, lstm: parts.cell(&prefix, "lstm"), out }
+        };
+        let actors = (0..dims.n_agents).map(actor).collect();
+        let predictors = networks.predictors.iter().map(predictor).collect();
+        Ok(Policy { meta, networks, dims: dims.clone(), tensors, actors, predictors })
+    }
+}
+
+/// Tensors by name.
+struct Parts<'a>(HashMap<&'a str, &'a Tensor>);
+
+impl Parts<'_> {
+    fn tensor(&self, prefix: &str, layer: &str, tensor: &str) -> Tensor {
+        let name = format!("{prefix}.{layer}.{tensor}");
+        let tensor = self.0.get(&name[..]).expect("every tensor of the networks is there");
+        Tensor::clone(tensor)
+    }
+
+    fn linear(&self, prefix: &str, layer: &str) -> Linear {
+        let tensor = |name| self.tensor(prefix, layer, name);
+        Linear { weight: tensor("weight"), bias: tensor("bias") }
+    }
+
+    fn cell(&self, prefix: &str, layer: &str) -> Cell {
+        let tensor = |name| self.tensor(prefix, layer, name);
+        Cell {
+            weight_ih: tensor("weight_ih"),
+            weight_hh: tensor("weight_hh"),
+            bias_ih: tensor("bias_ih"),
+            bias_hh: tensor("bias_hh"),
+        }
+    }
+}

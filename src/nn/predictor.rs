@@ -1,0 +1,69 @@
+//! The predictor: what the joint observation will change by, step after step.
+
+use super::kernels;
+use super::layers::{Cell, Linear, Scratch};
+use super::networks::PredictorSpec;
+
+/// `Linear -> ReLU -> LSTM -> Linear`: from the joint estimate of one step to the distribution of the change
+/// of its predicted dims until the next step.
+#[derive(Clone, Debug)]
+pub struct Predictor {
+    pub(super) spec: PredictorSpec,
+    pub(super) fc1: Linear,
+    pub(super) lstm: Cell,
+    pub(super) out: Linear,
+}
+
+/// What a predictor remembers of an episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LstmState {
+    /// The hidden state, `[rows, hidden size]`.
+    pub hidden: Vec<f32>,
+    /// The cell state, `[rows, hidden size]`.
+    pub cell: Vec<f32>,
+}
+
+impl Predictor {
+    /// What kind of predictor this is.
+    pub fn spec(&self) -> &PredictorSpec {
+        &self.spec
+    }
+
+    /// The state in which `rows` episodes start: zero.
+    pub fn state(&self, rows: usize) -> LstmState {
+        let zeros = vec![0.0; rows * self.spec.hidden];
+        LstmState { hidden: zeros.clone(), cell: zeros }
+    }
+
+    /// One step of `rows` episodes: `state` advances, and `out` becomes the prediction.
+    ///
+    /// `inputs` is `[rows, joint]`, `out` `[rows, 2 * predicted]`: first the mean of the change of each
+    /// predicted dim, zero where the dim is held; then its raw log-std, to be read by the
+    /// [sigma rule](super::Sigma).
+    pub fn step(
+        &self,
+        rows: usize,
+        inputs: &[f32],
+        state: &mut LstmState,
+        scratch: &mut Scratch,
+        out: &mut [f32],
+    ) {
+        let h = rows * self.spec.hidden;
+        let [first, gates] = scratch.split([h, 4 * h]);
+        self.fc1.forward(rows, inputs, first);
+        kernels::relu(first);
+        self.lstm.lstm(rows, first, &mut state.hidden, &mut state.cell, gates);
+        self.out.forward(rows, &state.hidden, out);
+        for row in out.chunks_exact_mut(self.out.bias.values().len()) {
+            self.spec.held.iter().for_each(|&dim| row[dim] = 0.0);
+        }
+    }
+}
+
+impl LstmState {
+    /// Starts a new episode in every row.
+    pub fn reset(&mut self) {
+        self.hidden.fill(0.0);
+        self.cell.fill(0.0);
+    }
+}

@@ -1,0 +1,164 @@
+//! Policies through the library, as a user has them: imported, saved, opened, run, and read by Python.
+
+// Helpers of tests are tests, which clippy does not see.
+#![allow(clippy::unwrap_used)]
+
+use serde_json::Value;
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use vamaro_swarm::nn::{self, ActorKind, Dims, Meta, Networks, Policy, PolicyFile, Scratch, Sharing};
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/import").join(name)
+}
+
+fn expected() -> Value {
+    serde_json::from_slice(&std::fs::read(data("expected.json")).unwrap()).unwrap()
+}
+
+fn floats(value: &Value) -> Vec<f32> {
+    value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap() as f32).collect()
+}
+
+fn dims() -> Dims {
+    let expected = expected();
+    let size = |name: &str| expected[name].as_u64().unwrap() as usize;
+    let (n_agents, joint, predicted) = (size("n_agents"), size("joint"), size("predicted"));
+    Dims { task: "toy".to_string(), n_agents, joint, predicted, n_actions: size("n_actions") }
+}
+
+fn import(name: &str) -> Policy {
+    let predictors = [("value-aware".to_string(), data("network.th"))];
+    let meta = Meta { steps: 1000, origin: "a test".to_string(), ..Meta::new("toy", 3) };
+    nn::import(&data(&format!("{name}.th")), &predictors, &dims(), meta).unwrap()
+}
+
+fn assert_close(found: &[f32], expected: &[f32]) {
+    assert_eq!(found.len(), expected.len());
+    for (found, expected) in found.iter().zip(expected) {
+        assert!((found - expected).abs() < 2e-6, "{found} is not {expected}");
+    }
+}
+
+#[test]
+fn imported_networks_compute_what_they_did() {
+    let expected = expected();
+    let dims = dims();
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["mlp-separate", "gru-shared"] {
+        let imported = import(name);
+        let path = folder.path().join(name);
+        imported.save(&path).unwrap();
+        for policy in [imported, Policy::open(&path, &dims).unwrap()] {
+            let inputs: Vec<_> = expected["inputs"].as_array().unwrap().iter().map(floats).collect();
+            let mut scratch = Scratch::default();
+            for agent in 0..dims.n_agents {
+                let actor = policy.actor(agent);
+                let mut hidden = vec![0.0; actor.state_len()];
+                let mut logits = vec![0.0; dims.n_actions];
+                for (step, inputs) in inputs.iter().enumerate() {
+                    actor.forward(1, inputs, &mut hidden, &mut scratch, &mut logits);
+                    assert_close(&logits, &floats(&expected[name][agent][step]));
+                }
+            }
+            let predictor = policy.predictor("value-aware").unwrap();
+            let (mut state, mut out) = (predictor.state(1), vec![0.0; 2 * dims.predicted]);
+            for (step, inputs) in inputs.iter().enumerate() {
+                predictor.step(1, inputs, &mut state, &mut scratch, &mut out);
+                assert_close(&out, &floats(&expected["prediction"][step]));
+            }
+        }
+    }
+}
+
+#[test]
+fn what_was_imported_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("policy.safetensors");
+    import("gru-shared").save(&path).unwrap();
+    let file = PolicyFile::read(&path).unwrap();
+    assert_eq!((file.networks.actor, file.networks.sharing), (ActorKind::Gru, Sharing::Shared));
+    assert_eq!((file.networks.hidden, file.networks.predictors[0].hidden), (4, 3));
+    assert_eq!((&file.meta.task[..], file.meta.steps, &file.meta.origin[..]), ("toy", 1000, "a test"));
+}
+
+/// Counts the allocations of each thread.
+struct Counting;
+
+thread_local!(static ALLOCATIONS: Cell<usize> = const { Cell::new(0) });
+
+// SAFETY: everything is left to the system's allocator; the counter is a constant-initialised thread-local
+// without a destructor, which itself never allocates.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn running_networks_allocates_nothing_after_the_first_pass() {
+    let dims = Dims { task: "toy".to_string(), n_agents: 4, joint: 24, predicted: 16, n_actions: 5 };
+    for (actor, sharing) in [(ActorKind::Mlp, Sharing::Separate), (ActorKind::Gru, Sharing::Shared)] {
+        let networks = Networks { sharing, ..Networks::paper(actor) };
+        let policy = Policy::untrained(&dims, 1, networks).unwrap();
+        let (actor, predictor) = (policy.actor(3), policy.predictor("value-aware").unwrap());
+        let rows = 10;
+        let inputs = vec![0.5; rows * dims.joint];
+        let (mut hidden, mut state) = (vec![0.0; rows * actor.state_len()], predictor.state(rows));
+        let (mut logits, mut out) = (vec![0.0; rows * dims.n_actions], vec![0.0; rows * 2 * dims.predicted]);
+        let mut scratch = Scratch::default();
+        let mut tick = || {
+            actor.forward(rows, &inputs, &mut hidden, &mut scratch, &mut logits);
+            predictor.step(rows, &inputs, &mut state, &mut scratch, &mut out);
+        };
+        tick();
+        let before = ALLOCATIONS.get();
+        (0..5).for_each(|_| tick());
+        assert_eq!(ALLOCATIONS.get(), before);
+    }
+}
+
+/// Runs the snippet in `docs/policy-file.md`, word for word, and compares what it prints.
+#[test]
+fn the_documented_python_computes_the_same_logits() {
+    let python = |arguments: &[&str]| Command::new("python3").args(arguments).output();
+    match python(&["-c", "import numpy, safetensors"]) {
+        Ok(output) if output.status.success() => {}
+        _ => return eprintln!("skipped: there is no python3 with numpy and safetensors"),
+    }
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/policy-file.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let (_, behind) = page.split_once("```python\n").expect("the page has a snippet");
+    let (snippet, _) = behind.split_once("```").expect("the snippet ends");
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("policy.safetensors");
+    let policy = import("mlp-separate");
+    policy.save(&path).unwrap();
+    let output = python(&["-c", snippet, path.to_str().unwrap()]).unwrap();
+    let (printed, errors) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{errors}");
+
+    // The snippet runs agent 1 on a joint estimate of evenly spaced numbers from -1 to 1.
+    let joint = dims().joint;
+    let inputs: Vec<f32> = (0..joint).map(|at| -1.0 + 2.0 * at as f32 / (joint - 1) as f32).collect();
+    let mut logits = vec![0.0; dims().n_actions];
+    policy.actor(1).forward(1, &inputs, &mut [], &mut Scratch::default(), &mut logits);
+    let last = printed.lines().last().expect("the snippet prints the logits");
+    let found: Vec<f32> = last.split(' ').map(|word| word.parse().unwrap()).collect();
+    assert_close(&found, &logits);
+    assert!(printed.contains("toy"), "the snippet prints the task: {printed}");
+}
