@@ -4,16 +4,15 @@ use super::networks::{Networks, PredictorSpec};
 use super::policy::Meta;
 use super::weights::Line;
 use crate::error::{Error, Result};
+use crate::file::AtomicFile;
 use crate::{failed, usage};
 use memmap2::Mmap;
 use safetensors::{Dtype, SafeTensors};
-use serde::Serialize;
 use serde::de::{DeserializeOwned, IntoDeserializer};
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, HashMap};
-use std::fs::{File, Permissions};
+use std::fs::File;
 use std::io::Write;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 const FORMAT: &str = "vamaro-swarm policy";
@@ -123,21 +122,17 @@ pub(super) fn write<'a>(
     let length = (size_of::<u64>() + header.len()).next_multiple_of(Line::BYTES) - size_of::<u64>();
     header.resize(length, b' ');
 
-    let put = || -> std::io::Result<()> {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // As for any new file, the user's umask decides who may read it.
-        let permissions = Permissions::from_mode(0o666);
-        let mut file = tempfile::Builder::new().permissions(permissions).tempfile_in(folder)?;
+    let mut file = AtomicFile::create(path)?;
+    let mut put = || -> std::io::Result<()> {
         file.write_all(&(length as u64).to_le_bytes())?;
         file.write_all(&header)?;
-        for (_, _, values) in lines.iter().chain(&others) {
-            file.write_all(bytemuck::cast_slice(values))?;
-        }
-        file.as_file().sync_all()?;
-        file.persist(path)?;
-        Ok(())
+        lines
+            .iter()
+            .chain(&others)
+            .try_for_each(|(_, _, values)| file.write_all(bytemuck::cast_slice(values)))
     };
-    put().map_err(|error| Error::io("write", path, error))
+    put().map_err(|error| Error::io("write", path, error))?;
+    file.commit()
 }
 
 /// The metadata of a policy file.
@@ -151,16 +146,11 @@ fn words(meta: &Meta, networks: &Networks) -> BTreeMap<&'static str, String> {
         ("seed", meta.seed.to_string()),
         ("program", meta.program.clone()),
         ("origin", meta.origin.clone()),
-        ("actor", word(networks.actor)),
-        ("sharing", word(networks.sharing)),
+        ("actor", networks.actor.to_string()),
+        ("sharing", networks.sharing.to_string()),
         ("hidden", networks.hidden.to_string()),
         ("predictors", json!(networks.predictors).to_string()),
     ])
-}
-
-fn word(variant: impl Serialize) -> String {
-    let value = serde_json::to_value(variant).expect("a unit variant is a JSON string");
-    value.as_str().expect("a unit variant is a JSON string").to_string()
 }
 
 /// The metadata of a file that errors call `source`.

@@ -3,6 +3,7 @@
 use super::Dims;
 use crate::rng::MAX_AGENTS;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// The networks of a policy: the actors of all agents and any number of predictors.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,6 +36,24 @@ pub enum Sharing {
     Separate,
     /// All agents run one network, which sees the agent's id as a one-hot behind the joint estimate.
     Shared,
+}
+
+impl fmt::Display for ActorKind {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            ActorKind::Mlp => "mlp",
+            ActorKind::Gru => "gru",
+        })
+    }
+}
+
+impl fmt::Display for Sharing {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Sharing::Separate => "separate",
+            Sharing::Shared => "shared",
+        })
+    }
 }
 
 /// What a predictor is called, sees and says.

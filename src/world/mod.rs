@@ -99,9 +99,7 @@ impl World {
         for (force, &action) in self.forces.iter_mut().zip(actions) {
             *force = self.task.physics.action_force(action);
         }
-        if self.task.family == Family::SpeakerListener {
-            self.message = speaker_listener::message(actions);
-        }
+        self.message = self.task.message(actions);
     }
 
     fn collide(&mut self) {
@@ -173,29 +171,28 @@ impl World {
         self.message
     }
 
-    /// Puts the world into a given state, as if just reset there: rewards are zero.
+    /// Puts the world into a given state, as if just reset there: rewards are zero. What is still heard of
+    /// the step before follows from its actions, if there was one.
     ///
     /// # Panics
-    /// If the state is none of this task's: wrong numbers of agents or landmarks, a goal where the task
-    /// has none or the other way round, or a message that its speaker cannot send.
+    /// If the state is none of this task's: wrong numbers of agents, landmarks or actions, or a goal where
+    /// the task has none or the other way round.
     pub fn set_state(
         &mut self,
         positions: &[DVec2],
         velocities: &[DVec2],
         landmarks: &[DVec2],
         goal: Option<usize>,
-        message: Option<u8>,
+        last_actions: Option<&[u8]>,
     ) {
         assert_eq!(goal.is_some(), self.task.has_goal(), "a goal exactly where the task has one");
         assert!(goal.is_none_or(|goal| goal < self.landmarks.len()), "the goal is a landmark");
-        let messages =
-            if self.task.family == Family::SpeakerListener { speaker_listener::N_MESSAGES } else { 0 };
-        assert!(message.is_none_or(|message| usize::from(message) < messages), "a message of the task");
+        assert!(last_actions.is_none_or(|last| last.len() == self.rewards.len()), "one action per agent");
         self.positions.copy_from_slice(positions);
         self.velocities.copy_from_slice(velocities);
         self.landmarks.copy_from_slice(landmarks);
         self.goal = goal.unwrap_or(0);
-        self.message = message;
+        self.message = last_actions.and_then(|last| self.task.message(last));
         self.rewards.fill(0.0);
     }
 }

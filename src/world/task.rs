@@ -158,8 +158,16 @@ impl Task {
     }
 
     /// Whether one landmark is the goal of all.
-    pub(super) fn has_goal(&self) -> bool {
+    pub fn has_goal(&self) -> bool {
         matches!(self.family, Family::HearSee | Family::SpeakerListener)
+    }
+
+    /// What is said with these actions, where somebody speaks.
+    pub(super) fn message(&self, actions: &[u8]) -> Option<u8> {
+        match self.family {
+            Family::SpeakerListener => speaker_listener::message(actions),
+            _ => None,
+        }
     }
 }
 

@@ -108,10 +108,3 @@ fn agents_that_all_start_in_one_place_come_apart_and_stay_finite() {
 fn a_step_takes_one_action_per_agent() {
     World::new(&Task::by_team_size(4).unwrap()).step(&[0; 3]);
 }
-
-#[test]
-#[should_panic(expected = "a message of the task")]
-fn a_state_with_a_message_nobody_can_send_is_refused() {
-    let mut world = World::new(&Task::by_team_size(2).unwrap());
-    world.set_state(&[DVec2::ZERO; 2], &[DVec2::ZERO; 2], &[DVec2::ZERO], Some(0), Some(1));
-}
