@@ -1,0 +1,92 @@
+//! The communication matrix and its text form.
+
+use std::path::Path;
+
+use crate::error::Result;
+use crate::usage;
+
+/// The communication matrix C: `p(i, j)` is the probability that agent i receives agent j.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CommunicationMatrix {
+    agents: usize,
+    /// Row-major, `agents * agents`.
+    p: Vec<f64>,
+}
+
+impl CommunicationMatrix {
+    /// The probability that `receiver` receives `sender`.
+    pub fn p(&self, receiver: usize, sender: usize) -> f64 {
+        self.p[receiver * self.agents + sender]
+    }
+
+    /// Reads a matrix for a team of `agents` from a file, see [`CommunicationMatrix::parse`].
+    pub fn read(path: &Path, agents: usize) -> Result<CommunicationMatrix> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| usage!("cannot read the communication matrix {}: {e}", path.display()))?;
+        CommunicationMatrix::parse(&text, agents)
+            .map_err(|e| usage!("communication matrix {}: {e}", path.display()))
+    }
+
+    /// Parses one line per receiver, one number per sender, separated by blanks or commas; `#` starts
+    /// a comment. The diagonal is 1: an agent always has its own observation.
+    pub fn parse(text: &str, agents: usize) -> Result<CommunicationMatrix> {
+        let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default().trim());
+        let rows: Vec<&str> = lines.filter(|line| !line.is_empty()).collect();
+        if rows.len() != agents {
+            return Err(usage!("{agents} agents need {agents} rows of {agents}, found {} rows", rows.len()));
+        }
+        let mut p = Vec::with_capacity(agents * agents);
+        for (i, row) in rows.iter().enumerate() {
+            let entries = row.split([',', ' ', '\t']).filter(|entry| !entry.is_empty());
+            for (j, entry) in entries.enumerate() {
+                p.push(parse_entry(entry, i, j)?);
+            }
+            let found = p.len() - i * agents;
+            if found != agents {
+                return Err(usage!("row {i} has {found} entries, {agents} agents need {agents}"));
+            }
+        }
+        Ok(CommunicationMatrix { agents, p })
+    }
+}
+
+fn parse_entry(entry: &str, receiver: usize, sender: usize) -> Result<f64> {
+    let place = format!("row {receiver}, column {sender}");
+    let p: f64 = entry.parse().map_err(|_| usage!("{place}: `{entry}` is not a number"))?;
+    if !(0.0..=1.0).contains(&p) {
+        return Err(usage!("{place}: {entry} is not a probability in [0, 1]"));
+    }
+    if receiver == sender && p != 1.0 {
+        return Err(usage!("{place}: the diagonal must be 1, an agent always has its own observation"));
+    }
+    Ok(p)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blanks_commas_and_comments_are_read() {
+        let text = "# who hears whom\n1, 0.5\n\n0.25 1 # second row\n";
+        let matrix = CommunicationMatrix::parse(text, 2).unwrap();
+        assert_eq!([matrix.p(0, 1), matrix.p(1, 0), matrix.p(1, 1)], [0.5, 0.25, 1.0]);
+    }
+
+    #[test]
+    fn wrong_matrices_say_what_is_wrong() {
+        for (text, agents, words) in [
+            ("1 0.5\n0.5 1", 3, "found 2 rows"),
+            ("1 0.5 1\n0.5 1", 2, "row 0 has 3 entries"),
+            ("1\n0.5 1", 2, "row 0 has 1 entries"),
+            ("1 1.5\n0.5 1", 2, "not a probability"),
+            ("1 nan\n0.5 1", 2, "not a probability"),
+            ("1 x\n0.5 1", 2, "not a number"),
+            ("0.9 0.5\n0.5 1", 2, "diagonal"),
+            ("", 2, "found 0 rows"),
+        ] {
+            let message = CommunicationMatrix::parse(text, agents).unwrap_err().to_string();
+            assert!(message.contains(words), "{text:?}: {message}");
+        }
+    }
+}
