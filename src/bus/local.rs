@@ -1,0 +1,102 @@
+//! The in-process twin of the bus: the same ports, without processes or shared memory.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use super::{AgentPort, Header, Sample};
+use crate::error::Result;
+
+/// A message in this process; its receivers share it.
+#[derive(Clone, Debug)]
+pub struct LocalSample(Rc<(Header, Vec<u32>)>);
+
+impl LocalSample {
+    /// A message of `header.length` words that `write` fills.
+    pub fn new(header: Header, write: impl FnOnce(&mut [u32])) -> LocalSample {
+        let mut words = vec![0; header.length as usize];
+        write(&mut words);
+        LocalSample(Rc::new((header, words)))
+    }
+}
+
+impl Sample for LocalSample {
+    fn header(&self) -> &Header {
+        &self.0.0
+    }
+
+    fn words(&self) -> &[u32] {
+        &self.0.1
+    }
+}
+
+/// The supervisor's side: puts sensor messages in, takes decisions out.
+#[derive(Debug)]
+pub struct LocalHub(Rc<RefCell<Queues>>);
+
+#[derive(Debug)]
+struct Queues {
+    /// Per agent: what the supervisor sent it.
+    sensors: Vec<VecDeque<LocalSample>>,
+    /// Per agent: what its peers published.
+    observations: Vec<VecDeque<LocalSample>>,
+    decisions: VecDeque<LocalSample>,
+}
+
+impl LocalHub {
+    /// A hub for a team of `agents`.
+    pub fn new(agents: usize) -> LocalHub {
+        let queues = || (0..agents).map(|_| VecDeque::new()).collect();
+        let queues = Queues { sensors: queues(), observations: queues(), decisions: VecDeque::new() };
+        LocalHub(Rc::new(RefCell::new(queues)))
+    }
+
+    /// The port of one agent.
+    pub fn port(&self, agent: usize) -> LocalPort {
+        LocalPort { queues: self.0.clone(), agent }
+    }
+
+    /// Sends a message to one agent.
+    pub fn send_sensor(&self, agent: usize, message: LocalSample) {
+        self.0.borrow_mut().sensors[agent].push_back(message);
+    }
+
+    /// The next decision.
+    pub fn receive_decision(&self) -> Option<LocalSample> {
+        self.0.borrow_mut().decisions.pop_front()
+    }
+}
+
+/// An agent's side.
+#[derive(Debug)]
+pub struct LocalPort {
+    queues: Rc<RefCell<Queues>>,
+    agent: usize,
+}
+
+impl AgentPort for LocalPort {
+    type Sample = LocalSample;
+
+    fn receive_sensor(&mut self) -> Result<Option<LocalSample>> {
+        Ok(self.queues.borrow_mut().sensors[self.agent].pop_front())
+    }
+
+    fn receive_observation(&mut self) -> Result<Option<LocalSample>> {
+        Ok(self.queues.borrow_mut().observations[self.agent].pop_front())
+    }
+
+    fn publish_observation(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+        let message = LocalSample::new(header, write);
+        for (agent, queue) in self.queues.borrow_mut().observations.iter_mut().enumerate() {
+            if agent != self.agent {
+                queue.push_back(message.clone());
+            }
+        }
+        Ok(())
+    }
+
+    fn publish_decision(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+        self.queues.borrow_mut().decisions.push_back(LocalSample::new(header, write));
+        Ok(())
+    }
+}

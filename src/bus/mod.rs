@@ -1,0 +1,55 @@
+//! The bus: how observations travel. The only room that names iceoryx2.
+//!
+//! ```text
+//!                 sensor-i (one service an agent)          wake: supervisor -> agents
+//!   supervisor ------------------------------> agent i     wake: agents -> supervisor
+//!        ^  ^                                   |    |
+//!        |  +----- observations (read along) ---+    |  observations: n publishers, everybody subscribed
+//!        +------------------ decisions --------------+
+//! ```
+//!
+//! The supervisor reads observations along only to know when all of a tick are published.
+
+mod directory;
+mod local;
+mod message;
+mod services;
+mod shared;
+mod wait;
+
+pub use directory::{Leftover, SwarmDirectory, leftovers, shared_memory_free};
+pub use local::{LocalHub, LocalPort, LocalSample};
+pub use message::{Decision, Header, Kind, Layout, PROTOCOL, Sensor};
+pub use services::{SwarmAddress, shared_memory_needed};
+pub use shared::{AgentSharedPort, SharedSample, SupervisorPort};
+pub use wait::{Wait, wait_until};
+
+use crate::error::Result;
+
+/// A received message, read in place for as long as it is held.
+pub trait Sample {
+    /// What it is and where it is from.
+    fn header(&self) -> &Header;
+    /// The payload, see [`Layout`].
+    fn words(&self) -> &[u32];
+}
+
+/// An agent's side of the bus: over shared memory ([`AgentSharedPort`]) or in-process ([`LocalPort`]).
+///
+/// Receiving never waits; `None` means nothing new has arrived.
+pub trait AgentPort {
+    /// A received message.
+    type Sample: Sample;
+
+    /// The next message of the supervisor to this agent.
+    fn receive_sensor(&mut self) -> Result<Option<Self::Sample>>;
+
+    /// The next observation of a peer.
+    fn receive_observation(&mut self) -> Result<Option<Self::Sample>>;
+
+    /// Publishes to the peers a payload of `header.length` words that `write` fills in place.
+    fn publish_observation(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()>;
+
+    /// Publishes to the supervisor a payload of `header.length` words that `write` fills in place.
+    fn publish_decision(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()>;
+}

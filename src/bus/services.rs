@@ -1,0 +1,197 @@
+//! The services of a swarm and their limits: the one place that says how large anything is.
+
+use iceoryx2::config::Config;
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::prelude::{
+    FileName, LogLevel, Path, SemanticString, ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or,
+};
+use iceoryx2::service::builder::publish_subscribe::Builder as PubSubBuilder;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use serde::{Deserialize, Serialize};
+
+use super::directory::{prefix_of, root_of};
+use super::{Header, Layout};
+use crate::error::{Error, Result};
+use crate::failed;
+
+/// Samples of one publisher that a receiver can hold: the one in its inbox and the one replacing it.
+const BORROWED: usize = 2;
+
+/// Samples of one publisher that wait for a receiver. The newest wins when they are more.
+const BUFFERED: usize = 2;
+
+/// Samples a publisher has room for. In lockstep no more than three are in use at a time: being
+/// written, in the buffers, and in the inboxes. The rest is for peers that are late.
+const SAMPLES: usize = 8;
+
+/// Names a swarm to its agents.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SwarmAddress {
+    /// Eight hex digits, see [`super::SwarmDirectory`].
+    pub tag: String,
+    /// Size of the team.
+    pub agents: usize,
+    /// The most worlds in a message.
+    pub worlds: usize,
+}
+
+pub(super) type Words = publish_subscribe::PortFactory<ipc::Service, [u32], Header>;
+pub(super) type Event = event::PortFactory<ipc::Service>;
+
+/// The services of a swarm, open in one process.
+#[derive(Debug)]
+pub(super) struct Services {
+    pub(super) observations: Words,
+    pub(super) decisions: Words,
+    pub(super) wake_agents: Event,
+    pub(super) wake_supervisor: Event,
+}
+
+/// Whether a process makes the services or finds them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Role {
+    /// Creates every service, with explicit limits, and cleans up after dead nodes.
+    Supervisor,
+    /// Only opens.
+    Agent,
+}
+
+impl SwarmAddress {
+    /// The number that marks this swarm's messages.
+    pub fn id(&self) -> u64 {
+        u64::from_str_radix(&self.tag, 16).unwrap_or_default()
+    }
+
+    /// This process's entry point to iceoryx2.
+    pub(super) fn node(&self, role: Role) -> Result<Node<ipc::Service>> {
+        set_log_level_from_env_or(LogLevel::Fatal);
+        let name = format!("vamaro-swarm {role:?}");
+        NodeBuilder::new()
+            .name(&name.as_str().try_into().map_err(bus_error("name the node"))?)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .config(&self.config(role)?)
+            .create()
+            .map_err(bus_error("create a node"))
+    }
+
+    /// The services that all of the swarm share.
+    pub(super) fn services(&self, node: &Node<ipc::Service>, role: Role) -> Result<Services> {
+        let everybody = self.agents + 1;
+        Ok(Services {
+            observations: self.words(node, "observations", self.agents, everybody, role)?,
+            decisions: self.words(node, "decisions", self.agents, 1, role)?,
+            wake_agents: self.event(node, "wake-agents", 1, self.agents, role)?,
+            wake_supervisor: self.event(node, "wake-supervisor", self.agents, 1, role)?,
+        })
+    }
+
+    /// The service by which the supervisor speaks to one agent.
+    pub(super) fn sensor(&self, node: &Node<ipc::Service>, agent: usize, role: Role) -> Result<Words> {
+        self.words(node, &format!("sensor-{agent}"), 1, 1, role)
+    }
+
+    /// Built here and nowhere else: iceoryx2's global configuration reads files of the working directory.
+    fn config(&self, role: Role) -> Result<Config> {
+        let mut config = Config::default();
+        let root = root_of(&self.tag);
+        let root = Path::new(root.as_os_str().as_encoded_bytes()).map_err(bus_error("name its directory"))?;
+        config.global.set_root_path(&root);
+        config.global.prefix =
+            FileName::new(prefix_of(&self.tag).as_bytes()).map_err(bus_error("name its shared memory"))?;
+        let cleans = role == Role::Supervisor;
+        config.global.node.cleanup_dead_nodes_on_creation = cleans;
+        config.global.node.cleanup_dead_nodes_on_destruction = cleans;
+        config.global.service.cleanup_dead_nodes_on_open = cleans;
+        Ok(config)
+    }
+
+    fn words(
+        &self,
+        node: &Node<ipc::Service>,
+        name: &str,
+        publishers: usize,
+        subscribers: usize,
+        role: Role,
+    ) -> Result<Words> {
+        let builder: PubSubBuilder<[u32], Header, ipc::Service> =
+            node.service_builder(&service_name(name)?).publish_subscribe::<[u32]>().user_header::<Header>();
+        let what = format!("open the service {name}");
+        match role {
+            Role::Agent => builder.open().map_err(bus_error(&what)),
+            Role::Supervisor => builder
+                .max_publishers(publishers)
+                .max_subscribers(subscribers)
+                .max_nodes(self.agents + 1)
+                .subscriber_max_buffer_size(BUFFERED)
+                .subscriber_max_borrowed_samples(BORROWED)
+                .history_size(0)
+                .enable_safe_overflow(true)
+                .create()
+                .map_err(bus_error(&what)),
+        }
+    }
+
+    fn event(
+        &self,
+        node: &Node<ipc::Service>,
+        name: &str,
+        notifiers: usize,
+        listeners: usize,
+        role: Role,
+    ) -> Result<Event> {
+        let builder = node.service_builder(&service_name(name)?).event();
+        let what = format!("open the service {name}");
+        match role {
+            Role::Agent => builder.open().map_err(bus_error(&what)),
+            Role::Supervisor => builder
+                .max_notifiers(notifiers)
+                .max_listeners(listeners)
+                .max_nodes(self.agents + 1)
+                .event_id_max_value(0)
+                .create()
+                .map_err(bus_error(&what)),
+        }
+    }
+}
+
+/// A publisher of messages of up to `words` words.
+pub(super) fn publisher(
+    service: &Words,
+    words: usize,
+) -> Result<iceoryx2::port::publisher::Publisher<ipc::Service, [u32], Header>> {
+    service
+        .publisher_builder()
+        .initial_max_slice_len(words)
+        .max_loaned_samples(1)
+        .override_sample_preallocation(|worst_case| worst_case.min(SAMPLES))
+        .create()
+        .map_err(bus_error("create a publisher"))
+}
+
+/// A subscriber that keeps the newest messages of each publisher.
+pub(super) fn subscriber(
+    service: &Words,
+) -> Result<iceoryx2::port::subscriber::Subscriber<ipc::Service, [u32], Header>> {
+    service.subscriber_builder().buffer_size(BUFFERED).create().map_err(bus_error("create a subscriber"))
+}
+
+/// How much shared memory a swarm may come to use, in bytes: payloads, and what iceoryx2 needs to manage
+/// them (measured: a page of 4 KiB for each connection of a publisher and a subscriber, a few for each
+/// process; twice that to be safe).
+pub fn shared_memory_needed(agents: usize, worlds: usize, layout: &Layout) -> u64 {
+    let per_agent =
+        layout.sensor_words(worlds) + layout.observation_words(worlds) + layout.decision_words(worlds);
+    let headers = 3 * 256;
+    let payloads = agents * SAMPLES * (4 * per_agent + headers);
+    let connections = agents * (agents + 3);
+    (payloads + connections * 8 * 1024 + (agents + 1) * 64 * 1024) as u64
+}
+
+fn service_name(name: &str) -> Result<ServiceName> {
+    name.try_into().map_err(bus_error("name a service"))
+}
+
+/// Turns an error of iceoryx2 into ours.
+pub(super) fn bus_error<E: std::fmt::Debug>(what: &str) -> impl Fn(E) -> Error + use<'_, E> {
+    move |e| failed!("shared memory: cannot {what}: {e:?}")
+}

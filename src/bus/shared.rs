@@ -1,0 +1,177 @@
+//! The ports over shared memory, one kind for the supervisor and one for an agent.
+//!
+//! Ports belong to the thread that created them: iceoryx2's `ipc` service is neither `Send` nor `Sync`.
+
+use std::time::Duration;
+
+use iceoryx2::node::Node;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::ipc;
+
+use super::services::{Role, Services, bus_error, publisher, subscriber};
+use super::{AgentPort, Header, Layout, Sample, SwarmAddress};
+use crate::error::Result;
+
+type WordPublisher = Publisher<ipc::Service, [u32], Header>;
+type WordSubscriber = Subscriber<ipc::Service, [u32], Header>;
+
+/// A received message in shared memory. Holding it keeps its publisher from writing there again.
+#[derive(Debug)]
+pub struct SharedSample(iceoryx2::sample::Sample<ipc::Service, [u32], Header>);
+
+impl Sample for SharedSample {
+    fn header(&self) -> &Header {
+        self.0.user_header()
+    }
+
+    fn words(&self) -> &[u32] {
+        self.0.payload()
+    }
+}
+
+/// The supervisor's side of the bus. Creates all services; dropping it removes them.
+#[derive(Debug)]
+pub struct SupervisorPort {
+    sensors: Vec<WordPublisher>,
+    observations: WordSubscriber,
+    decisions: WordSubscriber,
+    wake_agents: Notifier<ipc::Service>,
+    woken: Listener<ipc::Service>,
+    // Declared last: ports go before the node they belong to.
+    _node: Node<ipc::Service>,
+}
+
+impl SupervisorPort {
+    /// Creates the services of the swarm at `address` and the supervisor's ports to them.
+    pub fn create(address: &SwarmAddress, layout: &Layout) -> Result<SupervisorPort> {
+        let node = address.node(Role::Supervisor)?;
+        let services = address.services(&node, Role::Supervisor)?;
+        let sensor = |agent| {
+            publisher(&address.sensor(&node, agent, Role::Supervisor)?, layout.sensor_words(address.worlds))
+        };
+        Ok(SupervisorPort {
+            sensors: (0..address.agents).map(sensor).collect::<Result<_>>()?,
+            observations: subscriber(&services.observations)?,
+            decisions: subscriber(&services.decisions)?,
+            wake_agents: notifier(&services.wake_agents)?,
+            woken: listener(&services.wake_supervisor)?,
+            _node: node,
+        })
+    }
+
+    /// Sends a message to one agent.
+    pub fn send_sensor(&self, agent: usize, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+        publish(&self.sensors[agent], header, write)
+    }
+
+    /// The next observation that an agent has published to its peers.
+    pub fn receive_observation(&self) -> Result<Option<SharedSample>> {
+        receive(&self.observations)
+    }
+
+    /// The next decision.
+    pub fn receive_decision(&self) -> Result<Option<SharedSample>> {
+        receive(&self.decisions)
+    }
+
+    /// Wakes all agents.
+    pub fn wake_agents(&self) -> Result<()> {
+        self.wake_agents.notify().map(drop).map_err(bus_error("wake the agents"))
+    }
+
+    /// Sleeps until an agent wakes the supervisor, at most for `longest`.
+    pub fn sleep(&self, longest: Duration) -> Result<()> {
+        sleep(&self.woken, longest)
+    }
+}
+
+/// An agent's side of the bus over shared memory. Opens what the supervisor has created.
+#[derive(Debug)]
+pub struct AgentSharedPort {
+    sensor: WordSubscriber,
+    observations_out: WordPublisher,
+    observations_in: WordSubscriber,
+    decisions: WordPublisher,
+    wake_supervisor: Notifier<ipc::Service>,
+    woken: Listener<ipc::Service>,
+    // Declared last: ports go before the node they belong to.
+    _node: Node<ipc::Service>,
+}
+
+impl AgentSharedPort {
+    /// Opens the ports of one agent of the swarm at `address`.
+    pub fn open(address: &SwarmAddress, layout: &Layout, agent: usize) -> Result<AgentSharedPort> {
+        let node = address.node(Role::Agent)?;
+        let Services { observations, decisions, wake_agents, wake_supervisor } =
+            address.services(&node, Role::Agent)?;
+        Ok(AgentSharedPort {
+            sensor: subscriber(&address.sensor(&node, agent, Role::Agent)?)?,
+            observations_out: publisher(&observations, layout.observation_words(address.worlds))?,
+            observations_in: subscriber(&observations)?,
+            decisions: publisher(&decisions, layout.decision_words(address.worlds))?,
+            wake_supervisor: notifier(&wake_supervisor)?,
+            woken: listener(&wake_agents)?,
+            _node: node,
+        })
+    }
+
+    /// Wakes the supervisor.
+    pub fn wake_supervisor(&self) -> Result<()> {
+        self.wake_supervisor.notify().map(drop).map_err(bus_error("wake the supervisor"))
+    }
+
+    /// Sleeps until the supervisor wakes the agents, at most for `longest`.
+    pub fn sleep(&self, longest: Duration) -> Result<()> {
+        sleep(&self.woken, longest)
+    }
+}
+
+impl AgentPort for AgentSharedPort {
+    type Sample = SharedSample;
+
+    fn receive_sensor(&mut self) -> Result<Option<SharedSample>> {
+        receive(&self.sensor)
+    }
+
+    fn receive_observation(&mut self) -> Result<Option<SharedSample>> {
+        receive(&self.observations_in)
+    }
+
+    fn publish_observation(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+        publish(&self.observations_out, header, write)
+    }
+
+    fn publish_decision(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+        publish(&self.decisions, header, write)
+    }
+}
+
+fn notifier(service: &super::services::Event) -> Result<Notifier<ipc::Service>> {
+    service.notifier_builder().create().map_err(bus_error("create a notifier"))
+}
+
+fn listener(service: &super::services::Event) -> Result<Listener<ipc::Service>> {
+    service.listener_builder().create().map_err(bus_error("create a listener"))
+}
+
+fn publish(publisher: &WordPublisher, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+    let mut sample = publisher.loan_slice(header.length as usize).map_err(bus_error("loan a sample"))?;
+    *sample.user_header_mut() = header;
+    write(sample.payload_mut());
+    sample.send().map(drop).map_err(bus_error("send a sample"))
+}
+
+fn receive(subscriber: &WordSubscriber) -> Result<Option<SharedSample>> {
+    Ok(subscriber.receive().map_err(bus_error("receive a sample"))?.map(SharedSample))
+}
+
+fn sleep(woken: &Listener<ipc::Service>, longest: Duration) -> Result<()> {
+    match woken.timed_wait(|_| {}, longest) {
+        // A signal is a reason to look around, not an error.
+        Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+        Err(e) => Err(bus_error("wait")(e)),
+    }
+}
