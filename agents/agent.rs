@@ -1,0 +1,227 @@
+//! An agent: fuse, act, predict.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Imputer, ImputerName, Inbox, JointLayout, PolicySource};
+use crate::bus::Layout;
+use crate::error::Result;
+use crate::nn::{Actor, Policy, Scratch};
+use crate::rng::{Draws, Purpose};
+use crate::world::{N_ACTIONS, Task};
+
+/// What every agent of a team runs with.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AgentSettings {
+    /// Id of the task.
+    pub task: String,
+    /// Where the policy comes from.
+    pub policy: PolicySource,
+    /// Which imputer completes the joint observation.
+    pub imputer: ImputerName,
+    /// Takes the most probable action instead of sampling.
+    pub greedy: bool,
+    /// Seed of all draws.
+    pub seed: u64,
+    /// The most parallel worlds.
+    pub worlds: usize,
+    /// Whether decisions carry what they were based on.
+    pub report: bool,
+}
+
+impl AgentSettings {
+    /// Sampled actions of the built-in policy in one world, what is lost being held, with reports.
+    pub fn for_task(task: &Task) -> AgentSettings {
+        AgentSettings {
+            task: task.id().to_owned(),
+            policy: PolicySource::Builtin,
+            imputer: ImputerName::Hold,
+            greedy: false,
+            seed: 0,
+            worlds: 1,
+            report: true,
+        }
+    }
+
+    /// The task.
+    pub fn task(&self) -> Result<Task> {
+        Task::parse(&self.task)
+    }
+
+    /// The layout of the team's messages.
+    pub fn layout(&self) -> Result<Layout> {
+        let task = self.task()?;
+        Ok(Layout {
+            observation: task.padded_obs_dim(),
+            joint: task.joint_dim(),
+            logits: N_ACTIONS,
+            report: self.report,
+        })
+    }
+}
+
+/// One agent in a number of parallel worlds. It never knows whether a part of the joint observation
+/// was received or imputed.
+#[derive(Debug)]
+pub struct Agent {
+    index: usize,
+    task: Task,
+    seed: u64,
+    greedy: bool,
+    worlds: usize,
+    imputer: Imputer,
+    actor: Actor,
+    /// The actor's recurrent state, `[worlds, state]`; empty for an MLP.
+    hidden: Vec<f32>,
+    scratch: Scratch,
+    /// The policy's input, `[worlds, joint]`.
+    estimates: Vec<f32>,
+    /// `[worlds, N_ACTIONS]`.
+    logits: Vec<f32>,
+    /// `[active worlds]`.
+    actions: Vec<u32>,
+}
+
+impl Agent {
+    /// Loads agent `index` of a team.
+    pub fn new(settings: &AgentSettings, index: usize) -> Result<Agent> {
+        let policy = settings.policy.load(&settings.task()?)?;
+        Agent::with_policy(settings, &policy, index)
+    }
+
+    /// Makes agent `index` of a team from a policy that is loaded already.
+    pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
+        let task = settings.task()?;
+        let layout =
+            JointLayout { agents: task.n_agents(), unique: task.unique_dim(), common: task.common_dim() };
+        let worlds = settings.worlds;
+        let actor = policy.actor(index).clone();
+        Ok(Agent {
+            index,
+            seed: settings.seed,
+            greedy: settings.greedy,
+            worlds,
+            imputer: settings.imputer.build(policy, layout, worlds)?,
+            hidden: vec![0.0; worlds * actor.state_len()],
+            scratch: Scratch::default(),
+            actor,
+            estimates: vec![0.0; worlds * layout.joint()],
+            logits: vec![0.0; worlds * N_ACTIONS],
+            actions: Vec::with_capacity(worlds),
+            task,
+        })
+    }
+
+    /// Which agent of the team this is.
+    pub fn index(&self) -> usize {
+        self.index
+    }
+
+    /// Size of the team.
+    pub fn team(&self) -> usize {
+        self.task.n_agents()
+    }
+
+    /// The most parallel worlds.
+    pub fn worlds(&self) -> usize {
+        self.worlds
+    }
+
+    /// Forgets the last episode: one starts in this many worlds.
+    pub fn begin_episode(&mut self, worlds: usize) {
+        self.hidden.fill(0.0);
+        self.imputer.begin_episode(worlds);
+    }
+
+    /// Completes what was delivered in one world to a joint estimate. Returns whose observations were
+    /// used, bit by bit.
+    pub fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox) -> u64 {
+        let joint = self.task.joint_dim();
+        let estimate = &mut self.estimates[world * joint..(world + 1) * joint];
+        self.imputer.fuse(world, self.index, own, inbox, estimate)
+    }
+
+    /// Chooses an action in each of the first `worlds` worlds from the joint estimates.
+    pub fn act(&mut self, episode: u64, step: u32, worlds: usize) {
+        self.actions.clear();
+        let estimates = &self.estimates[..worlds * self.task.joint_dim()];
+        let hidden = &mut self.hidden[..worlds * self.actor.state_len()];
+        let logits = &mut self.logits[..worlds * N_ACTIONS];
+        self.actor.forward(worlds, estimates, hidden, &mut self.scratch, logits);
+        let available = self.task.available_actions(self.index);
+        for (world, logits) in logits.chunks_exact(N_ACTIONS).enumerate() {
+            let logits = &logits[..available];
+            let action = if self.greedy {
+                most_probable(logits)
+            } else {
+                let episode = episode + world as u64;
+                let u =
+                    Draws::new(self.seed, Purpose::Action, episode, step.into()).at(self.index, 0).uniform();
+                sample(logits, u)
+            };
+            self.actions.push(action as u32);
+        }
+    }
+
+    /// Carries the joint estimates of the last [`Agent::act`] over to the next step.
+    pub fn predict(&mut self) {
+        let worlds = self.actions.len();
+        self.imputer.predict(worlds, &self.estimates[..worlds * self.task.joint_dim()]);
+    }
+
+    /// The actions chosen last, `[worlds]`.
+    pub fn actions(&self) -> &[u32] {
+        &self.actions
+    }
+
+    /// The joint estimates they were chosen from, `[worlds, joint]`.
+    pub fn estimates(&self) -> &[f32] {
+        &self.estimates[..self.actions.len() * self.task.joint_dim()]
+    }
+
+    /// The logits they were chosen by, `[worlds, N_ACTIONS]`.
+    pub fn logits(&self) -> &[f32] {
+        &self.logits[..self.actions.len() * N_ACTIONS]
+    }
+}
+
+/// The first of the largest logits.
+fn most_probable(logits: &[f32]) -> usize {
+    (1..logits.len()).fold(0, |best, i| if logits[i] > logits[best] { i } else { best })
+}
+
+/// Samples from softmax(logits) by inversion: the action whose share of [0, 1) u falls into.
+fn sample(logits: &[f32], u: f64) -> usize {
+    let largest = f64::from(logits[most_probable(logits)]);
+    let weight = |logit: &f32| (f64::from(*logit) - largest).exp();
+    let mut left = u * logits.iter().map(weight).sum::<f64>();
+    for (action, logit) in logits.iter().enumerate() {
+        left -= weight(logit);
+        if left < 0.0 {
+            return action;
+        }
+    }
+    // Only rounding leads here.
+    most_probable(logits)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn actions_are_sampled_by_their_probability() {
+        let probabilities = [0.5f64, 0.0, 0.3, 0.2];
+        let logits = probabilities.map(|p| p.ln() as f32);
+        let n = 10_000;
+        let mut counts = [0; 4];
+        (0..n).for_each(|i| counts[sample(&logits, (i as f64 + 0.5) / n as f64)] += 1);
+        for (count, p) in counts.into_iter().zip(probabilities) {
+            assert!((f64::from(count) / n as f64 - p).abs() < 1e-3, "{counts:?}");
+        }
+    }
+
+    #[test]
+    fn greedy_takes_the_first_of_the_largest() {
+        assert_eq!(most_probable(&[0.0, 2.0, -1.0, 2.0]), 1);
+    }
+}

@@ -1,0 +1,148 @@
+//! The imputer: completes what was received to an estimate of the joint observation.
+
+use super::Inbox;
+use crate::nn::{LstmState, Predictor, Scratch};
+
+/// Where the parts of the joint observation are: `unique_1 .. unique_n, common`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct JointLayout {
+    /// Size of the team.
+    pub agents: usize,
+    /// Values that are an agent's own.
+    pub unique: usize,
+    /// Values behind them in each observation that are the same for all, and always known.
+    pub common: usize,
+}
+
+impl JointLayout {
+    /// Length of the joint observation.
+    pub fn joint(&self) -> usize {
+        self.predicted() + self.common
+    }
+
+    /// Length of its predicted part.
+    pub fn predicted(&self) -> usize {
+        self.agents * self.unique
+    }
+
+    fn part(&self, agent: usize) -> std::ops::Range<usize> {
+        agent * self.unique..(agent + 1) * self.unique
+    }
+}
+
+/// One agent's imputer, with its memory in each parallel world.
+#[derive(Debug)]
+pub struct Imputer {
+    layout: JointLayout,
+    rule: Rule,
+    /// What stands for the unique parts that are not received, `[worlds, predicted]`. Zero when an
+    /// episode starts: then nothing is known.
+    carried: Vec<f32>,
+}
+
+/// How the unique parts are carried over from one step to the next.
+#[derive(Debug)]
+enum Rule {
+    /// Not at all: what is not received counts as zero.
+    Zero,
+    /// As they are: what is not received counts as what was received last.
+    Hold,
+    /// By the predictor's mean delta.
+    Predict(Box<Prediction>),
+}
+
+#[derive(Debug)]
+struct Prediction {
+    predictor: Predictor,
+    state: LstmState,
+    scratch: Scratch,
+    /// What the predictor says, `[worlds, 2, predicted]`: mean delta and raw log-std.
+    out: Vec<f32>,
+}
+
+impl Imputer {
+    /// Counts what is not received as zero.
+    pub fn zero(layout: JointLayout, worlds: usize) -> Imputer {
+        Imputer { layout, rule: Rule::Zero, carried: vec![0.0; worlds * layout.predicted()] }
+    }
+
+    /// Holds what was received last.
+    pub fn hold(layout: JointLayout, worlds: usize) -> Imputer {
+        Imputer { rule: Rule::Hold, ..Imputer::zero(layout, worlds) }
+    }
+
+    /// Imagines it with a predictor.
+    pub fn predict_with(predictor: Predictor, layout: JointLayout, worlds: usize) -> Imputer {
+        let state = predictor.state(worlds);
+        let out = vec![0.0; worlds * 2 * layout.predicted()];
+        let prediction = Box::new(Prediction { predictor, state, scratch: Scratch::default(), out });
+        Imputer { rule: Rule::Predict(prediction), ..Imputer::zero(layout, worlds) }
+    }
+
+    /// Forgets everything: an episode starts in this many worlds.
+    pub fn begin_episode(&mut self, worlds: usize) {
+        self.carried.fill(0.0);
+        if let Rule::Predict(prediction) = &mut self.rule {
+            let Prediction { predictor, state, .. } = &mut **prediction;
+            for part in [&mut state.hidden, &mut state.cell] {
+                part.clear();
+                part.resize(worlds * predictor.spec().hidden, 0.0);
+            }
+        }
+    }
+
+    /// Writes the joint estimate of `agent` in one world: its own observation and the delivered ones as
+    /// they are, the carried estimate for the others. Returns whose observations were used, bit by bit.
+    pub fn fuse(&self, world: usize, agent: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) -> u64 {
+        let JointLayout { agents, unique, common } = self.layout;
+        let predicted = self.layout.predicted();
+        let carried = &self.carried[world * predicted..(world + 1) * predicted];
+        let mut used = 0;
+        for sender in 0..agents {
+            let part = self.layout.part(sender);
+            let observation = if sender == agent {
+                Some(own)
+            } else {
+                inbox.from(sender).map(|received| received.observation)
+            };
+            match observation {
+                Some(observation) => {
+                    estimate[part].copy_from_slice(&observation[..unique]);
+                    used |= 1 << sender;
+                }
+                None => estimate[part.clone()].copy_from_slice(&carried[part]),
+            }
+        }
+        estimate[predicted..].copy_from_slice(&own[unique..unique + common]);
+        used
+    }
+
+    /// Carries the joint estimates `[worlds, joint]` over to the next step.
+    pub fn predict(&mut self, worlds: usize, estimates: &[f32]) {
+        let (joint, predicted) = (self.layout.joint(), self.layout.predicted());
+        let carried = self.carried.chunks_exact_mut(predicted).zip(estimates.chunks_exact(joint));
+        match &mut self.rule {
+            Rule::Zero => {}
+            Rule::Hold => {
+                carried.for_each(|(carried, estimate)| carried.copy_from_slice(&estimate[..predicted]))
+            }
+            Rule::Predict(prediction) => {
+                let deltas = prediction.step(worlds, estimates, predicted);
+                for ((carried, estimate), delta) in carried.zip(deltas) {
+                    for ((carried, value), delta) in carried.iter_mut().zip(estimate).zip(delta) {
+                        *carried = value + delta;
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Prediction {
+    /// The mean delta of each world.
+    fn step(&mut self, worlds: usize, estimates: &[f32], predicted: usize) -> impl Iterator<Item = &[f32]> {
+        let out = &mut self.out[..worlds * 2 * predicted];
+        self.predictor.step(worlds, estimates, &mut self.state, &mut self.scratch, out);
+        out.chunks_exact(2 * predicted).map(move |row| &row[..predicted])
+    }
+}

@@ -1,0 +1,136 @@
+//! An agent on the bus: the phases of its tick by name.
+
+use std::time::Duration;
+
+use rustix::time::{ClockId, clock_gettime};
+
+use super::{Agent, Mailbox};
+use crate::bus::{AgentPort, Header, Kind, Layout, PROTOCOL, Sample};
+use crate::error::Result;
+use crate::failed;
+
+/// One agent and its port. The same code runs as a process and in-process.
+///
+/// A tick is `sense`, `publish`, `collect` until true, `decide`, `predict`.
+pub struct Member<P: AgentPort> {
+    agent: Agent,
+    port: P,
+    layout: Layout,
+    identity: Header,
+    mailbox: Mailbox<P::Sample>,
+    sensor: Option<P::Sample>,
+    /// Per world, whose observations were used.
+    rows: Vec<u64>,
+}
+
+/// What the supervisor wants of an agent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sensed {
+    /// No message yet.
+    Nothing,
+    /// A tick.
+    Tick,
+    /// The agent shall leave.
+    Shutdown,
+}
+
+impl<P: AgentPort> Member<P> {
+    /// Puts an agent behind a port of the swarm with this number.
+    pub fn new(agent: Agent, port: P, layout: Layout, swarm: u64, incarnation: u32) -> Member<P> {
+        let identity = Header {
+            protocol: PROTOCOL,
+            swarm,
+            incarnation,
+            sender: agent.index() as u32,
+            ..Header::default()
+        };
+        let mailbox = Mailbox::new(agent.team(), swarm, layout.observation);
+        Member { agent, port, layout, identity, mailbox, sensor: None, rows: Vec::new() }
+    }
+
+    /// The agent's port.
+    pub fn port(&self) -> &P {
+        &self.port
+    }
+
+    /// Tells the supervisor that the agent can be spoken to.
+    pub fn report_ready(&mut self) -> Result<()> {
+        let header = Header { kind: Kind::Ready as u32, sent_ns: now_ns(), ..self.identity };
+        self.port.publish_decision(header, |_| {})
+    }
+
+    /// Reads the own sensor, if its message is there.
+    pub fn sense(&mut self) -> Result<Sensed> {
+        let Some(sample) = self.port.receive_sensor()? else { return Ok(Sensed::Nothing) };
+        let (header, swarm) = (*sample.header(), self.identity.swarm);
+        if header.fits(Kind::Shutdown, swarm, 0) {
+            return Ok(Sensed::Shutdown);
+        }
+        let words = sample.words().len();
+        if !header.fits(Kind::Sensor, swarm, words)
+            || words != self.layout.sensor_words(header.worlds as usize)
+            || header.worlds as usize > self.agent.worlds()
+        {
+            return Err(failed!("agent-{} got a message it cannot read: {header:?}", self.agent.index()));
+        }
+        if header.step == 0 {
+            self.agent.begin_episode(header.worlds as usize);
+        }
+        self.sensor = Some(sample);
+        Ok(Sensed::Tick)
+    }
+
+    /// Publishes the own observation to the peers.
+    pub fn publish(&mut self) -> Result<()> {
+        let sensor = self.sensor.as_ref().expect("publish follows sense");
+        let worlds = sensor.header().worlds as usize;
+        let own = self.layout.sensor(sensor.words(), worlds).observations();
+        let header = self.answer(Kind::Observation, sensor.header(), self.layout.observation_words(worlds));
+        self.port.publish_observation(header, |words| words.copy_from_slice(bytemuck::cast_slice(own)))
+    }
+
+    /// Takes in what has arrived; true once the observations of all peers at this tick are in.
+    pub fn collect(&mut self) -> Result<bool> {
+        while let Some(sample) = self.port.receive_observation()? {
+            self.mailbox.accept(sample);
+        }
+        let tick = self.sensor.as_ref().expect("collect follows sense").header().tick;
+        Ok(self.mailbox.complete(self.agent.index(), tick))
+    }
+
+    /// Applies the links, fuses, acts and publishes the decision.
+    pub fn decide(&mut self) -> Result<()> {
+        let sample = self.sensor.as_ref().expect("decide follows sense");
+        let Header { episode, step, tick, worlds, .. } = *sample.header();
+        let worlds = worlds as usize;
+        let sensor = self.layout.sensor(sample.words(), worlds);
+        self.rows.clear();
+        for (world, own) in sensor.observations().chunks_exact(self.layout.observation).enumerate() {
+            let inbox = self.mailbox.deliver(world, sensor.row(world), tick);
+            self.rows.push(self.agent.fuse(world, own, &inbox));
+        }
+        self.agent.act(episode, step, worlds);
+        let header = self.answer(Kind::Decision, sample.header(), self.layout.decision_words(worlds));
+        let (agent, layout, rows) = (&self.agent, &self.layout, &self.rows);
+        self.port.publish_decision(header, |words| {
+            layout.write_decision(words, agent.actions(), rows, agent.estimates(), agent.logits());
+        })
+    }
+
+    /// Advances the imputer; the action is already out.
+    pub fn predict(&mut self) {
+        self.agent.predict();
+    }
+
+    fn answer(&self, kind: Kind, to: &Header, words: usize) -> Header {
+        let Header { protocol, swarm, incarnation, sender, .. } = self.identity;
+        let (kind, length, sent_ns) = (kind as u32, words as u64, now_ns());
+        Header { protocol, swarm, incarnation, sender, kind, length, sent_ns, ..*to }
+    }
+}
+
+/// Nanoseconds of the monotonic clock, which all processes of a machine share.
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32).as_nanos() as u64
+}

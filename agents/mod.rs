@@ -1,0 +1,25 @@
+//! The agent's side: decentralised execution.
+//!
+//! ```text
+//! own sensor --+
+//!              +--> fuse --> joint estimate --> act --> action      on the critical path
+//! inbox -------+      ^            |             |
+//!                     |            v             |
+//!                     +------- predict <---------+                  after the action is out
+//! ```
+//!
+//! [`Agent`] is these three calls. [`Member`] ties an agent to its port on the bus, phase by phase, and
+//! [`process`] runs a member as a process of its own.
+
+mod agent;
+mod imputer;
+mod inbox;
+mod member;
+pub mod process;
+mod source;
+
+pub use agent::{Agent, AgentSettings};
+pub use imputer::{Imputer, JointLayout};
+pub use inbox::{Inbox, Mailbox, Received};
+pub use member::{Member, Sensed, now_ns};
+pub use source::{BUILTIN, ImputerName, PREFERRED, PolicySource, dims};

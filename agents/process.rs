@@ -1,0 +1,109 @@
+//! An agent as a process: opens its ports, reports ready, and ticks until it is told to leave.
+
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
+use serde::{Deserialize, Serialize};
+
+use super::{Agent, AgentSettings, Member, Sensed};
+use crate::bus::{AgentSharedPort, SwarmAddress, Wait, wait_until};
+use crate::error::Result;
+use crate::failed;
+
+/// How long an agent waits for its peers before it acts without those that are missing.
+const PEER_DEADLINE: Duration = Duration::from_secs(5);
+
+/// How long an agent tries to open what its supervisor has created.
+const OPEN_DEADLINE: Duration = Duration::from_secs(5);
+
+/// What the supervisor tells an agent process at its start.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ProcessSettings {
+    /// The swarm it belongs to.
+    pub address: SwarmAddress,
+    /// Which agent it is.
+    pub agent: usize,
+    /// How often this agent has been started before.
+    pub incarnation: u32,
+    /// How it waits.
+    pub wait: Wait,
+    /// Process id of the supervisor.
+    pub supervisor: i32,
+    /// What it runs.
+    pub settings: AgentSettings,
+}
+
+/// Runs an agent until the supervisor sends it away.
+pub fn run(process: &ProcessSettings) -> Result<()> {
+    leave_with(process.supervisor)?;
+    // What `top` and `ps` show; not worth an error.
+    let name = std::ffi::CString::new(format!("vs-agent-{}", process.agent)).expect("no NUL in it");
+    let _ = rustix::thread::set_name(&name);
+    let ProcessSettings { address, agent, incarnation, wait, settings, .. } = process;
+    let agent = Agent::new(settings, *agent)?;
+    let layout = settings.layout()?;
+    let port = open(address, &layout, agent.index())?;
+    let mut member = Member::new(agent, port, layout, address.id(), *incarnation);
+    member.report_ready()?;
+    wake(&member, *wait)?;
+    while next_tick(&mut member, *wait)? {
+        member.publish()?;
+        wake(&member, *wait)?;
+        let deadline = Instant::now() + PEER_DEADLINE;
+        wait_until(&mut member, *wait, deadline, sleep, Member::collect)?;
+        member.decide()?;
+        wake(&member, *wait)?;
+        member.predict();
+    }
+    Ok(())
+}
+
+type SharedMember = Member<AgentSharedPort>;
+
+/// Waits for the next tick; false if the agent shall leave.
+///
+/// Each wait has a bound, but there is no bound on their number: a supervisor may be busy or stopped
+/// for long, and if it dies the kernel takes the agent along.
+fn next_tick(member: &mut SharedMember, wait: Wait) -> Result<bool> {
+    let mut sensed = Sensed::Nothing;
+    while sensed == Sensed::Nothing {
+        let deadline = Instant::now() + Duration::from_secs(1);
+        wait_until(member, wait, deadline, sleep, |member| {
+            sensed = member.sense()?;
+            Ok(sensed != Sensed::Nothing)
+        })?;
+    }
+    Ok(sensed == Sensed::Tick)
+}
+
+fn wake(member: &SharedMember, wait: Wait) -> Result<()> {
+    match wait {
+        Wait::Block => member.port().wake_supervisor(),
+        Wait::Spin => Ok(()),
+    }
+}
+
+fn sleep(member: &SharedMember, longest: Duration) -> Result<()> {
+    member.port().sleep(longest)
+}
+
+fn open(address: &SwarmAddress, layout: &crate::bus::Layout, agent: usize) -> Result<AgentSharedPort> {
+    let deadline = Instant::now() + OPEN_DEADLINE;
+    loop {
+        match AgentSharedPort::open(address, layout, agent) {
+            Err(_) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(20)),
+            result => return result,
+        }
+    }
+}
+
+/// Has the kernel end this process when its supervisor dies, however that happens.
+fn leave_with(supervisor: i32) -> Result<()> {
+    set_parent_process_death_signal(Some(Signal::KILL))
+        .map_err(|e| failed!("cannot tie the agent to its supervisor: {e}"))?;
+    // It may have died before the line above.
+    match getppid().map(Pid::as_raw_nonzero) {
+        Some(parent) if parent.get() == supervisor => Ok(()),
+        _ => Err(failed!("an agent is started by its supervisor, and supervisor {supervisor} is gone")),
+    }
+}

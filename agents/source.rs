@@ -1,0 +1,142 @@
+//! Where a policy comes from, and which of its imputers is used.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Imputer, JointLayout};
+use crate::error::Result;
+use crate::nn::{ActorKind, Aligned, Dims, Networks, Policy};
+use crate::usage;
+use crate::world::{N_ACTIONS, Task};
+
+/// The policies inside the program: (task, policy file).
+pub static BUILTIN: [(&str, &Aligned<[u8]>); 2] = [
+    ("hear-see", &Aligned(*include_bytes!("pretrained/hear-see.safetensors"))),
+    ("spread-xy-4", &Aligned(*include_bytes!("pretrained/spread-xy-4.safetensors"))),
+];
+
+/// The predictor that is used if the policy has it and nobody says otherwise.
+pub const PREFERRED: &str = "value-aware";
+
+/// Where a policy comes from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PolicySource {
+    /// The policy for the task inside the program.
+    Builtin,
+    /// A random network of the right shape, from this seed.
+    Untrained(u64),
+    /// A policy file.
+    File(PathBuf),
+}
+
+impl PolicySource {
+    /// Loads the policy for a task. Weights in a file or in the program stay where they are and are
+    /// shared by all processes.
+    pub fn load(&self, task: &Task) -> Result<Policy> {
+        match self {
+            PolicySource::Builtin => {
+                let policy = BUILTIN.iter().find(|(id, _)| *id == task.id());
+                let (_, bytes) = policy.ok_or_else(|| {
+                    let ids: Vec<&str> = BUILTIN.iter().map(|(id, _)| *id).collect();
+                    usage!(
+                        "there is no built-in policy for {} (only for {}); give one with --policy FILE, \
+                         or use `--policy untrained`, a seeded random network of the right shape",
+                        task.id(),
+                        ids.join(", ")
+                    )
+                })?;
+                Policy::from_static(&bytes.0, &dims(task))
+            }
+            PolicySource::Untrained(seed) => {
+                Policy::untrained(&dims(task), *seed, Networks::paper(actor_kind(task)))
+            }
+            PolicySource::File(path) => Policy::open(path, &dims(task)),
+        }
+    }
+}
+
+impl fmt::Display for PolicySource {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            PolicySource::Builtin => write!(f, "built-in"),
+            PolicySource::Untrained(seed) => write!(f, "untrained (seed {seed})"),
+            PolicySource::File(path) => write!(f, "{}", path.display()),
+        }
+    }
+}
+
+/// The sizes a policy for this task has.
+pub fn dims(task: &Task) -> Dims {
+    Dims {
+        task: task.id().to_owned(),
+        n_agents: task.n_agents(),
+        joint: task.joint_dim(),
+        predicted: task.predicted_dim(),
+        n_actions: N_ACTIONS,
+    }
+}
+
+/// The actor of the paper's setting for this task: recurrent for spread, except for spread-xy-2.
+fn actor_kind(task: &Task) -> ActorKind {
+    match task.id() {
+        "hear-see" | "speaker-listener" | "spread-xy-2" => ActorKind::Mlp,
+        _ => ActorKind::Gru,
+    }
+}
+
+/// Names an imputer.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ImputerName {
+    /// What is not received counts as zero.
+    Zero,
+    /// What is not received counts as what was received last.
+    Hold,
+    /// A predictor of the policy.
+    Predictor(String),
+}
+
+impl ImputerName {
+    /// The imputer called `name`, or the best one of the policy.
+    pub fn choose(name: Option<&str>, policy: &Policy) -> Result<ImputerName> {
+        let names: Vec<&str> = policy.predictor_names().collect();
+        match name {
+            Some("zero") => Ok(ImputerName::Zero),
+            Some("hold") => Ok(ImputerName::Hold),
+            Some(name) if names.contains(&name) => Ok(ImputerName::Predictor(name.to_owned())),
+            Some(name) => Err(usage!(
+                "this policy has no imputer `{name}`; it has {}, and `hold` and `zero` are always there",
+                if names.is_empty() { "no predictor".to_owned() } else { names.join(", ") }
+            )),
+            None => Ok(match names.iter().find(|name| **name == PREFERRED).or(names.first()) {
+                Some(name) => ImputerName::Predictor((*name).to_owned()),
+                None => ImputerName::Hold,
+            }),
+        }
+    }
+
+    /// Builds it.
+    pub fn build(&self, policy: &Policy, layout: JointLayout, worlds: usize) -> Result<Imputer> {
+        match self {
+            ImputerName::Zero => Ok(Imputer::zero(layout, worlds)),
+            ImputerName::Hold => Ok(Imputer::hold(layout, worlds)),
+            ImputerName::Predictor(name) => match policy.predictor(name) {
+                Some(predictor) => Ok(Imputer::predict_with(predictor.clone(), layout, worlds)),
+                None => Err(usage!("this policy has no predictor `{name}`")),
+            },
+        }
+    }
+}
+
+impl fmt::Display for ImputerName {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            ImputerName::Zero => "zero",
+            ImputerName::Hold => "hold",
+            ImputerName::Predictor(name) => name,
+        })
+    }
+}
