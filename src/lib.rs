@@ -1,5 +1,41 @@
-//! vamaro-swarm
+//! vamaro-swarm: a swarm simulator whose agents are processes.
+//!
+//! ```text
+//!              supervisor (worlds, clock, seeds)
+//!               |  own observation, link rows          ^ action
+//!               v                                      |
+//!   sensor -> bus (publish) -> bus (receive) -> link (delivered or lost)
+//!          -> imputer (joint estimate) -> policy -> action -> world -> reward
+//! ```
+//!
+//! The rooms follow the way of one observation; each depends only on those above it.
+//!
+//! | room | what is in it |
+//! |---|---|
+//! | [`error`], [`file`](mod@file), [`rng`], [`stats`] | errors with exit codes, files that appear whole, addressed draws, statistics |
+//! | [`world`] | physics and tasks |
+//! | [`link`] | who receives whom |
+//! | [`nn`] | actor, predictor, kernels, policy file |
+//! | [`bus`] | messages in shared memory, and their in-process twin |
+//! | [`agents`] | the agent's side: inbox, imputer, policy, process |
+//! | [`recording`] | recorded episodes |
+//! | [`supervisor`] | launches agents, plays episodes in lockstep, watches and reaps |
+//! | [`verify`] | recomputes recorded episodes |
+//! | [`cli`] | one file per command |
+
+#![warn(clippy::unwrap_used)]
+
+#[path = "../agents/mod.rs"]
+pub mod agents;
+pub mod bus;
+pub mod cli;
 pub mod error;
+pub mod file;
+pub mod link;
 pub mod nn;
+pub mod recording;
 pub mod rng;
+pub mod stats;
+pub mod supervisor;
+pub mod verify;
 pub mod world;

@@ -1,0 +1,127 @@
+//! `doctor`: is this machine ready?
+
+use clap::Args;
+use rustix::process::{Resource, getrlimit};
+
+use super::print;
+use crate::agents::AgentSettings;
+use crate::bus::{leftovers, shared_memory_free, shared_memory_needed};
+use crate::error::Result;
+use crate::failed;
+use crate::world::Task;
+
+/// Tell whether this machine is ready, and clean up after dead swarms
+#[derive(Debug, Args)]
+pub struct Doctor {
+    /// Remove what dead swarms have left behind
+    #[arg(long)]
+    clean: bool,
+}
+
+/// Open files that a team of 64 needs: its connections.
+const OPEN_FILES: u64 = 1024;
+
+impl Doctor {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        let findings = [cores(), shared_memory()?, open_files(), processes(), self.dead_swarms()?];
+        let text: String = findings.iter().map(|f| format!("{:<8}{}\n", f.mark(), f.words)).collect();
+        print(&text)?;
+        match findings.iter().filter(|finding| finding.health == Health::Bad).count() {
+            0 => print("This machine is ready.\n"),
+            bad => Err(failed!("{bad} of {} checks failed, see above", findings.len())),
+        }
+    }
+
+    fn dead_swarms(&self) -> Result<Finding> {
+        let dead = leftovers()?;
+        let mib = dead.iter().map(|swarm| swarm.bytes).sum::<u64>() as f64 / f64::from(1 << 20);
+        let found = format!("{} dead swarms, {mib:.1} MiB of shared memory", dead.len());
+        if dead.is_empty() {
+            return Ok(Finding::good("nothing is left of dead swarms"));
+        }
+        if self.clean {
+            dead.iter().for_each(|swarm| swarm.remove());
+            return Ok(Finding::good(format!("removed what was left of {found}")));
+        }
+        Ok(Finding::fair(format!("left behind by {found}; --clean removes it, and so does the next `spawn`")))
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Health {
+    Good,
+    Fair,
+    Bad,
+}
+
+struct Finding {
+    health: Health,
+    words: String,
+}
+
+impl Finding {
+    fn good(words: impl Into<String>) -> Finding {
+        Finding { health: Health::Good, words: words.into() }
+    }
+
+    fn fair(words: impl Into<String>) -> Finding {
+        Finding { health: Health::Fair, words: words.into() }
+    }
+
+    fn bad(words: impl Into<String>) -> Finding {
+        Finding { health: Health::Bad, words: words.into() }
+    }
+
+    fn mark(&self) -> &'static str {
+        match self.health {
+            Health::Good => "ok",
+            Health::Fair => "note",
+            Health::Bad => "FAIL",
+        }
+    }
+}
+
+fn cores() -> Finding {
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    match cores {
+        1 => Finding::fair("1 core: every wake-up is a context switch, and --wait spin will crawl"),
+        _ => Finding::good(format!("{cores} cores: --wait spin suits teams of up to {} agents", cores - 1)),
+    }
+}
+
+fn shared_memory() -> Result<Finding> {
+    let (free, total) = shared_memory_free()?;
+    let layout = AgentSettings::for_task(&Task::parse("spread-xy-4")?).layout()?;
+    let needed = shared_memory_needed(4, 10, &layout);
+    let mib = |bytes: u64| bytes >> 20;
+    let words = format!(
+        "/dev/shm has {} MiB free of {} MiB; 4 agents in 10 worlds take about {} MiB",
+        mib(free),
+        mib(total),
+        mib(needed)
+    );
+    Ok(if free < needed { Finding::bad(words) } else { Finding::good(words) })
+}
+
+fn open_files() -> Finding {
+    match getrlimit(Resource::Nofile).current {
+        Some(limit) if limit < OPEN_FILES => Finding::fair(format!(
+            "{limit} open files a process: too few for the largest teams, `ulimit -n {OPEN_FILES}` allows them"
+        )),
+        limit => Finding::good(format!("{} open files a process", words(limit))),
+    }
+}
+
+fn processes() -> Finding {
+    match getrlimit(Resource::Nproc).current {
+        Some(limit) if limit < 128 => {
+            Finding::bad(format!("only {limit} processes: raise it with `ulimit -u 1024`"))
+        }
+        limit => Finding::good(format!("{} processes", words(limit))),
+    }
+}
+
+fn words(limit: Option<u64>) -> String {
+    limit.map_or("unlimited".to_owned(), |limit| limit.to_string())
+}

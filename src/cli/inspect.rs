@@ -1,0 +1,100 @@
+//! `inspect`: what a file holds.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::{print, table};
+use crate::error::Result;
+use crate::nn::PolicyFile;
+use crate::recording::Recording;
+use crate::usage;
+
+/// Say what a policy, trace or recording holds
+#[derive(Debug, Args)]
+pub struct Inspect {
+    /// A policy file (.safetensors), or a trace or recording (.json)
+    file: PathBuf,
+}
+
+impl Inspect {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        let extension = self.file.extension().and_then(|e| e.to_str());
+        match extension {
+            Some("safetensors") => inspect_policy(&self.file),
+            Some("json") => inspect_recording(&self.file),
+            Some("th") => Err(usage!(
+                "{} is a state dict of PyTorch; `vamaro-swarm import` makes a policy file of it",
+                self.file.display()
+            )),
+            _ => Err(usage!(
+                "{}: expected a policy file (.safetensors), or a trace or recording (.json)",
+                self.file.display()
+            )),
+        }
+    }
+}
+
+fn inspect_policy(path: &Path) -> Result<()> {
+    let file = PolicyFile::read(path)?;
+    let (meta, networks) = (&file.meta, &file.networks);
+    let mut rows = table(&["tensor", "shape", "values"]);
+    for tensor in &file.tensors {
+        let shape = format!("{:?}", tensor.shape);
+        rows.add_row([tensor.name.clone(), shape, tensor.n_values().to_string()]);
+    }
+    let predictors = networks.predictors.iter();
+    let predictors: Vec<String> = predictors.map(|p| format!("{} (hidden {})", p.name, p.hidden)).collect();
+    print(&format!(
+        "policy for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {}, \
+         {}, hidden {}\npredictors  {}\nparameters  {}\n\n{rows}\n",
+        meta.task,
+        meta.algorithm,
+        meta.steps,
+        meta.seed,
+        meta.origin,
+        meta.program,
+        networks.actor,
+        networks.sharing,
+        networks.hidden,
+        if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
+        file.n_parameters()
+    ))
+}
+
+fn inspect_recording(path: &Path) -> Result<()> {
+    let recording = Recording::read(path)?;
+    let header = &recording.header;
+    let mut rows = table(&["episode", "p", "return", "delivered"]);
+    for (number, episode) in recording.episodes.iter().enumerate() {
+        rows.add_row([
+            episode.episode.unwrap_or(number as u64).to_string(),
+            episode.p.map_or("-".to_owned(), |p| format!("{p}")),
+            format!("{:.2}", episode.episode_return),
+            delivered_share(&episode.delivered),
+        ]);
+    }
+    let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "not said".to_owned());
+    print(&format!(
+        "{} of {}\nagents      {}\nepisodes    {} of {} steps\nactor       {}\nimputer     {}\npolicy      {}\n\n{rows}\n",
+        if recording.is_trace() { "trace" } else { "recording" },
+        header.task,
+        header.n_agents,
+        recording.episodes.len(),
+        header.episode_steps,
+        named(&header.actor),
+        named(&header.imputer),
+        named(&header.policy)
+    ))
+}
+
+/// Over i != j and t >= 1.
+fn delivered_share(delivered: &[Vec<Vec<u8>>]) -> String {
+    let (mut sent, mut received) = (0, 0);
+    for (i, row) in delivered.iter().skip(1).flat_map(|step| step.iter().enumerate()) {
+        sent += row.len() - 1;
+        received += row.iter().enumerate().filter(|(j, up)| *j != i && **up == 1).count();
+    }
+    if sent == 0 { "-".to_owned() } else { format!("{:.1} %", 100.0 * received as f64 / sent as f64) }
+}

@@ -1,0 +1,132 @@
+//! The command line, one file per command.
+
+mod doctor;
+mod import;
+mod inspect;
+mod spawn;
+mod summary;
+mod tasks;
+mod verify;
+
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{CommandFactory, Parser, Subcommand};
+use clap_complete::Shell;
+
+use crate::agents::PolicySource;
+use crate::agents::process::{self, ProcessSettings};
+use crate::error::{Error, Result};
+use crate::usage;
+
+/// Swarms of agents as processes that share observations through memory, over links that fail
+#[derive(Debug, Parser)]
+#[command(name = "vamaro-swarm", version, arg_required_else_help = true, after_help = AFTER_HELP)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  vamaro-swarm spawn --agents 4 --p 0.2     a trained team of four whose links deliver 20 %
+  vamaro-swarm spawn --task hear-see --links dynamic --json
+  vamaro-swarm tasks                        what there is to play
+  vamaro-swarm doctor                       is this machine ready?
+
+Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 130 interrupted.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Start a swarm, play episodes, and say how the team did
+    Spawn(spawn::Spawn),
+    /// List the tasks: ids, aliases, team sizes, dimensions
+    Tasks(tasks::Tasks),
+    /// Turn a policy of the paper's published code into a policy file
+    Import(import::Import),
+    /// Say what a policy, trace or recording holds
+    Inspect(inspect::Inspect),
+    /// Recompute recordings and traces and compare
+    Verify(verify::Verify),
+    /// Tell whether this machine is ready, and clean up after dead swarms
+    Doctor(doctor::Doctor),
+    /// Print completions for a shell
+    Completions {
+        /// The shell
+        shell: Shell,
+    },
+    /// Run one agent; the supervisor starts these
+    #[command(hide = true)]
+    Agent {
+        /// Settings as JSON
+        settings: String,
+    },
+}
+
+impl Cli {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        match self.command {
+            Command::Spawn(command) => command.run(),
+            Command::Tasks(command) => command.run(),
+            Command::Import(command) => command.run(),
+            Command::Inspect(command) => command.run(),
+            Command::Verify(command) => command.run(),
+            Command::Doctor(command) => command.run(),
+            Command::Completions { shell } => {
+                let mut script = Vec::new();
+                clap_complete::generate(shell, &mut Cli::command(), "vamaro-swarm", &mut script);
+                print(&String::from_utf8_lossy(&script))
+            }
+            Command::Agent { settings } => {
+                let settings: ProcessSettings = serde_json::from_str(&settings)
+                    .map_err(|e| usage!("`agent` is for the supervisor, not for the command line: {e}"))?;
+                process::run(&settings)
+            }
+        }
+    }
+}
+
+/// Writes to stdout. A reader that has heard enough (`| head`) is not an error.
+fn print(text: &str) -> Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            Err(Error::Failed(format!("cannot write to stdout: {e}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Writes a value to stdout as one JSON object.
+fn print_json(value: &serde_json::Value) -> Result<()> {
+    print(&format!("{value:#}\n"))
+}
+
+/// A table without borders, its columns as wide as they need to be.
+fn table(header: &[&str]) -> comfy_table::Table {
+    let mut table = comfy_table::Table::new();
+    table.load_style(comfy_table::presets::NOTHING).set_header(header);
+    table
+}
+
+/// Reads `--policy`: a file, a folder that holds `policy.safetensors`, `builtin` or `untrained`.
+fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
+    match name {
+        "builtin" => return Ok(PolicySource::Builtin),
+        "untrained" => return Ok(PolicySource::Untrained(seed)),
+        _ => {}
+    }
+    let path = Path::new(name);
+    let file = if path.is_dir() { path.join("policy.safetensors") } else { PathBuf::from(path) };
+    if file.exists() {
+        // Agents are told the path, whatever folder they run in.
+        return file.canonicalize().map(PolicySource::File).map_err(|e| Error::io("open", &file, e));
+    }
+    Err(match path.join("agent.th").exists() {
+        true => usage!("{name} holds a policy of the paper's code; run `vamaro-swarm import {name}` first"),
+        false => {
+            usage!("there is no policy {}; give a file, a folder, `builtin` or `untrained`", file.display())
+        }
+    })
+}

@@ -1,0 +1,265 @@
+//! `spawn`: start a swarm, play episodes, say how the team did.
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::summary::Summary;
+use super::{policy_source, print};
+use crate::agents::{AgentSettings, ImputerName, PolicySource};
+use crate::bus::Wait;
+use crate::error::Result;
+use crate::link::{CommunicationMatrix, LinkModel, Links};
+use crate::nn::Policy;
+use crate::recording::{Header, Recorder};
+use crate::supervisor::{InProcess, Processes, Session, Statistics, Team, signals};
+use crate::world::{EPISODE_STEPS, Task};
+use crate::{failed, usage};
+
+/// Start a swarm, play episodes, and say how the team did
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Spawn {
+    /// Task: an id or alias from `vamaro-swarm tasks` [default: hear-see, or the one of --agents]
+    #[arg(long, value_name = "T")]
+    task: Option<String>,
+
+    /// Size of the team; alone, it picks the task of that size
+    #[arg(long, value_name = "N")]
+    agents: Option<usize>,
+
+    /// Probability that an observation is delivered [default: 1]
+    #[arg(long, value_name = "P", value_parser = probability, conflicts_with_all = ["drop", "links"])]
+    p: Option<f64>,
+
+    /// Probability that an observation is lost: 1 - p
+    #[arg(long, value_name = "D", value_parser = probability, conflicts_with = "links")]
+    drop: Option<f64>,
+
+    /// Links that differ: uniform (one p per episode), asymmetric (a matrix per episode), dynamic (a
+    /// matrix per 5 steps), or a file with a communication matrix, one row per receiver
+    #[arg(long, value_name = "FILE|MODE")]
+    links: Option<String>,
+
+    /// Lose observations at t = 0 too; by default everything is delivered once when an episode starts
+    #[arg(long)]
+    no_comm_at_t0: bool,
+
+    /// Policy: a file, a folder with policy.safetensors, builtin, or untrained (random weights)
+    #[arg(long, value_name = "FILE|DIR|builtin|untrained", default_value = "builtin")]
+    policy: String,
+
+    /// What stands for lost observations: a predictor of the policy, hold (last received) or zero
+    /// [default: value-aware if the policy has it]
+    #[arg(long, value_name = "NAME")]
+    imputer: Option<String>,
+
+    /// Take the most probable action instead of sampling
+    #[arg(long)]
+    greedy: bool,
+
+    /// Episodes to play
+    #[arg(long, value_name = "E", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..))]
+    episodes: u64,
+
+    /// Parallel worlds; one message carries the observations of all of them
+    #[arg(long, value_name = "W", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    worlds: u32,
+
+    /// Seed of every random draw
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    seed: u64,
+
+    /// Run the same agents without processes; same results, bit for bit
+    #[arg(long)]
+    in_process: bool,
+
+    /// How processes wait: block (sleep until woken) or spin (poll; needs a core per process)
+    #[arg(long, value_enum, default_value_t, conflicts_with = "in_process")]
+    wait: Wait,
+
+    /// Count each part of each policy input as own, received or imputed, and compare it with what was
+    /// sent
+    #[arg(long)]
+    audit: bool,
+
+    /// Write a trace of all episodes, which `vamaro-swarm verify` can check
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+
+    /// Print the summary as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  vamaro-swarm spawn --agents 4 --p 0.2
+  vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --episodes 1000 --worlds 10
+  vamaro-swarm spawn --task spread-blindfold-6 --policy untrained --links dynamic --audit
+  vamaro-swarm spawn --task SXY-4 --p 0.6 --record trace.json && vamaro-swarm verify trace.json";
+
+impl Spawn {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        signals::install()?;
+        let task = self.find_task()?;
+        let links = self.find_links(&task)?;
+        let source = policy_source(&self.policy, self.seed)?;
+        let policy = source.load(&task)?;
+        let settings = self.settings(&task, source, &policy)?;
+        let recorder =
+            self.record.as_deref().map(|path| self.start_recording(path, &task, &settings, &policy));
+        let recorder = recorder.transpose()?;
+
+        let mut summary = Summary::new(&task, &links, &settings, &policy, self.in_process, self.episodes);
+        if !self.json {
+            print(&summary.first_line())?;
+        }
+        let model = LinkModel::new(links, self.seed, !self.no_comm_at_t0);
+        let (statistics, audit) = if self.in_process {
+            self.play(&mut InProcess::new(&settings)?, &task, model, &settings, recorder)?
+        } else {
+            self.play(
+                &mut Processes::start(&settings, &policy, self.wait)?,
+                &task,
+                model,
+                &settings,
+                recorder,
+            )?
+        };
+        summary.set_results(statistics, audit);
+        if self.json {
+            super::print_json(&summary.json())?
+        } else {
+            print(&summary.text())?
+        }
+        match audit {
+            Some(audit) if !audit.holds() => Err(failed!("the audit found what must not be: {audit}")),
+            _ => Ok(()),
+        }
+    }
+
+    fn play(
+        &self,
+        team: &mut impl Team,
+        task: &Task,
+        links: LinkModel,
+        settings: &AgentSettings,
+        recorder: Option<Recorder>,
+    ) -> Result<(Statistics, Option<crate::supervisor::Audit>)> {
+        let mut session = Session::new(task, links, self.seed, settings.worlds);
+        if self.audit {
+            session = session.with_audit();
+        }
+        if let Some(recorder) = recorder {
+            session = session.with_recorder(recorder);
+        }
+        let bar = progress_bar(self.episodes);
+        session.play(team, self.episodes, |statistics| {
+            bar.set_position(statistics.episodes().len() as u64);
+            bar.set_message(format!(
+                "return {:.1}{}",
+                statistics.return_mean(),
+                statistics
+                    .delivery_rate()
+                    .map_or(String::new(), |r| format!(", {:.1} % delivered", 100.0 * r))
+            ));
+        })?;
+        bar.finish_and_clear();
+        session.finish()
+    }
+
+    fn find_task(&self) -> Result<Task> {
+        let (name, agents) = match (&self.task, self.agents) {
+            (None, None) => return Task::parse("hear-see"),
+            (None, Some(agents)) => return Task::by_team_size(agents),
+            (Some(name), None) => return Task::parse(name),
+            (Some(name), Some(agents)) => (name, agents),
+        };
+        // `--task spread-xy --agents 6` names a task as well as `spread-xy-6` does.
+        let task = match Task::parse(name) {
+            Ok(task) if task.n_agents() == agents => return Ok(task),
+            Ok(task) => task,
+            Err(e) => return Task::parse(&format!("{name}-{agents}")).map_err(|_| e),
+        };
+        Err(usage!(
+            "{} is for {} agents, not {agents}; leave one of --task and --agents away, or take a task of that \
+             size: spread-blindfold-{agents}{}",
+            task.id(),
+            task.n_agents(),
+            if agents % 2 == 0 { format!(", spread-xy-{agents}") } else { String::new() }
+        ))
+    }
+
+    fn find_links(&self, task: &Task) -> Result<Links> {
+        Ok(match (self.p, self.drop, self.links.as_deref()) {
+            (Some(p), _, _) => Links::Level(p),
+            (_, Some(drop), _) => Links::Level(1.0 - drop),
+            (_, _, None) => Links::Level(1.0),
+            (_, _, Some("uniform")) => Links::Uniform,
+            (_, _, Some("asymmetric")) => Links::Asymmetric,
+            (_, _, Some("dynamic")) => Links::Dynamic,
+            (_, _, Some(file)) if Path::new(file).is_file() => {
+                Links::Matrix(CommunicationMatrix::read(Path::new(file), task.n_agents())?)
+            }
+            (_, _, Some(other)) => {
+                return Err(usage!(
+                    "--links {other}: neither a mode (uniform, asymmetric, dynamic) nor a file with a matrix"
+                ));
+            }
+        })
+    }
+
+    fn settings(&self, task: &Task, policy: PolicySource, loaded: &Policy) -> Result<AgentSettings> {
+        Ok(AgentSettings {
+            task: task.id().to_owned(),
+            policy,
+            imputer: ImputerName::choose(self.imputer.as_deref(), loaded)?,
+            greedy: self.greedy,
+            seed: self.seed,
+            // More worlds than episodes would have nothing to do.
+            worlds: u64::from(self.worlds).min(self.episodes) as usize,
+            report: true,
+        })
+    }
+
+    fn start_recording(
+        &self,
+        path: &Path,
+        task: &Task,
+        settings: &AgentSettings,
+        policy: &Policy,
+    ) -> Result<Recorder> {
+        let header = Header {
+            task: task.id().to_owned(),
+            n_agents: task.n_agents(),
+            n_landmarks: task.n_landmarks(),
+            episode_steps: EPISODE_STEPS,
+            actor: Some(policy.networks().actor.to_string()),
+            imputer: Some(settings.imputer.to_string()),
+            policy: Some(settings.policy.to_string()),
+            seed: Some(self.seed),
+        };
+        Recorder::create(path, &header)
+    }
+}
+
+/// A bar on a terminal, nothing elsewhere.
+fn progress_bar(episodes: u64) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} episodes, {msg}, {eta} left");
+    ProgressBar::new(episodes).with_style(style.expect("the template is valid"))
+}
+
+fn probability(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
+        Ok(_) => Err("a probability is between 0 and 1".to_owned()),
+        Err(e) => Err(e.to_string()),
+    }
+}

@@ -1,0 +1,56 @@
+//! `tasks`: what there is to play.
+
+use clap::Args;
+use serde_json::json;
+
+use super::{print, print_json, table};
+use crate::error::Result;
+use crate::world::Task;
+
+/// List the tasks: ids, aliases, team sizes, dimensions
+#[derive(Debug, Args)]
+pub struct Tasks {
+    /// Print a JSON array
+    #[arg(long)]
+    json: bool,
+}
+
+impl Tasks {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        let tasks = Task::all();
+        if self.json {
+            return print_json(&tasks.iter().map(as_json).collect());
+        }
+        let mut rows =
+            table(&["task", "also", "agents", "observation", "joint", "predicted", "what the team does"]);
+        for task in &tasks {
+            rows.add_row([
+                task.id().to_owned(),
+                task.aliases().join(", "),
+                task.n_agents().to_string(),
+                task.padded_obs_dim().to_string(),
+                task.joint_dim().to_string(),
+                task.predicted_dim().to_string(),
+                task.summary().to_owned(),
+            ]);
+        }
+        print(&format!(
+            "{rows}\n\nTeams of other sizes: spread-xy-N with even N from 2 to 64, spread-blindfold-N with N from \
+             1 to 64.\nDimensions are numbers of values; `predicted` are those an imputer completes.\n"
+        ))
+    }
+}
+
+fn as_json(task: &Task) -> serde_json::Value {
+    json!({
+        "task": task.id(),
+        "aliases": task.aliases(),
+        "agents": task.n_agents(),
+        "landmarks": task.n_landmarks(),
+        "observation_dim": task.padded_obs_dim(),
+        "joint_dim": task.joint_dim(),
+        "predicted_dim": task.predicted_dim(),
+        "summary": task.summary(),
+    })
+}

@@ -1,0 +1,209 @@
+//! Recorded episodes: the JSON format of recordings and traces.
+//!
+//! A *recording* holds what a world did. A *trace* also holds what the agents saw and thought: who
+//! received whom, joint estimates and logits. `docs/formats.md` describes every field.
+
+use std::io::Write;
+use std::path::Path;
+
+use glam::DVec2;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::file::AtomicFile;
+use crate::usage;
+use crate::world::World;
+
+/// A file of recorded episodes.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Recording {
+    /// What all episodes share.
+    #[serde(flatten)]
+    pub header: Header,
+    /// The episodes.
+    pub episodes: Vec<Episode>,
+}
+
+/// What all episodes of a recording share.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Header {
+    /// Id of the task.
+    pub task: String,
+    /// Size of the team.
+    pub n_agents: usize,
+    /// Landmarks in the world.
+    pub n_landmarks: usize,
+    /// Steps of an episode, T.
+    pub episode_steps: usize,
+    /// Kind of the actor network, `mlp` or `gru` (traces).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub actor: Option<String>,
+    /// Imputer that made the joint estimates (traces; the policy's preferred one if absent).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imputer: Option<String>,
+    /// Where the policy came from (traces of this program).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policy: Option<String>,
+    /// Seed of all draws (traces of this program).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+}
+
+/// One episode: T steps, T + 1 states.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Episode {
+    /// Number of the episode, part of the address of its draws (traces of this program).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub episode: Option<u64>,
+    /// The level all links shared; absent or null where they did not.
+    #[serde(default)]
+    pub p: Option<f64>,
+    /// Index of the goal landmark, if there is one.
+    pub goal_landmark: Option<usize>,
+    /// `[landmark]`.
+    pub landmark_pos: Vec<DVec2>,
+    /// `[T + 1][agent]`.
+    pub agent_pos: Vec<Vec<DVec2>>,
+    /// `[T + 1][agent]`.
+    pub agent_vel: Vec<Vec<DVec2>>,
+    /// `[T][agent]`.
+    pub actions: Vec<Vec<u8>>,
+    /// `[T or T + 1][agent]`, each an observation, padded or not.
+    pub obs: Vec<Vec<Vec<f32>>>,
+    /// `[T][agent]` (recordings).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub agent_reward: Vec<Vec<f64>>,
+    /// `[T]`.
+    pub team_reward: Vec<f64>,
+    /// Undiscounted sum of the team rewards.
+    #[serde(rename = "return")]
+    pub episode_return: f64,
+    /// `[T][receiver][sender]`, 1 if delivered (traces).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub delivered: Vec<Vec<Vec<u8>>>,
+    /// `[T][agent][joint]`, the policy's input (traces).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joint_estimate: Vec<Vec<Vec<f32>>>,
+    /// `[T][agent][available action]` (traces).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub logits: Vec<Vec<Vec<f32>>>,
+}
+
+impl Recording {
+    /// Reads a recording or a trace.
+    pub fn read(path: &Path) -> Result<Recording> {
+        let text = std::fs::read(path).map_err(|e| usage!("cannot read {}: {e}", path.display()))?;
+        let recording: Recording = serde_json::from_slice(&text)
+            .map_err(|e| Error::io("read", path, format!("it is not a recording or trace: {e}")))?;
+        recording.check().map_err(|what| Error::io("read", path, what))?;
+        Ok(recording)
+    }
+
+    /// Whether the agents' side is recorded as well.
+    pub fn is_trace(&self) -> bool {
+        self.episodes.iter().any(|episode| !episode.joint_estimate.is_empty())
+    }
+
+    /// Checks that every array has the length the header promises.
+    fn check(&self) -> std::result::Result<(), String> {
+        let Header { n_agents, n_landmarks, episode_steps: steps, .. } = self.header;
+        let trace = if self.is_trace() { steps } else { 0 };
+        for (number, episode) in self.episodes.iter().enumerate() {
+            let team = |rows: usize| Some((rows, n_agents));
+            for (name, expected, found) in [
+                ("landmark_pos", Some((n_landmarks, 0)), Some((episode.landmark_pos.len(), 0))),
+                ("agent_pos", team(steps + 1), shape(&episode.agent_pos)),
+                ("agent_vel", team(steps + 1), shape(&episode.agent_vel)),
+                ("actions", team(steps), shape(&episode.actions)),
+                ("obs", team(episode.obs.len().clamp(steps, steps + 1)), shape(&episode.obs)),
+                ("team_reward", Some((steps, 0)), Some((episode.team_reward.len(), 0))),
+                ("delivered", team(trace), shape(&episode.delivered)),
+                ("joint_estimate", team(trace), shape(&episode.joint_estimate)),
+                ("logits", team(trace), shape(&episode.logits)),
+            ] {
+                if expected != found && (expected, found) != (team(0), Some((0, 0))) {
+                    return Err(format!("episode {number}: `{name}` is {found:?}, expected {expected:?}"));
+                }
+            }
+            let rewards = shape(&episode.agent_reward);
+            if rewards != team(steps) && rewards != Some((0, 0)) {
+                return Err(format!("episode {number}: `agent_reward` is {rewards:?}"));
+            }
+            if episode.delivered.iter().flatten().any(|row| row.len() != n_agents) {
+                return Err(format!("episode {number}: a row of `delivered` is not {n_agents} long"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Rows and columns; `None` if the rows differ in length.
+fn shape<T>(rows: &[Vec<T>]) -> Option<(usize, usize)> {
+    let columns = rows.first().map_or(0, Vec::len);
+    rows.iter().all(|row| row.len() == columns).then_some((rows.len(), columns))
+}
+
+impl Episode {
+    /// An episode that begins in the present state of `world`.
+    pub fn begin(world: &World) -> Episode {
+        let mut episode = Episode {
+            goal_landmark: world.goal(),
+            landmark_pos: world.landmarks().to_vec(),
+            ..Episode::default()
+        };
+        episode.push_state(world);
+        episode
+    }
+
+    /// Appends the state of `world`.
+    pub fn push_state(&mut self, world: &World) {
+        self.agent_pos.push(world.positions().to_vec());
+        self.agent_vel.push(world.velocities().to_vec());
+    }
+
+    /// Puts `world` into the state before step `step`.
+    pub fn restore(&self, step: usize, world: &mut World) {
+        let last_actions = step.checked_sub(1).map(|last| &self.actions[last][..]);
+        let (positions, velocities) = (&self.agent_pos[step], &self.agent_vel[step]);
+        world.set_state(positions, velocities, &self.landmark_pos, self.goal_landmark, last_actions);
+    }
+}
+
+/// Writes a recording, episode by episode. The file appears when it is finished.
+#[derive(Debug)]
+pub struct Recorder {
+    file: AtomicFile,
+    episodes: usize,
+}
+
+impl Recorder {
+    /// Starts a recording at `path`.
+    pub fn create(path: &Path, header: &Header) -> Result<Recorder> {
+        let mut recorder = Recorder { file: AtomicFile::create(path)?, episodes: 0 };
+        let header = serde_json::to_string(header).expect("a header is plain data");
+        let open = header.strip_suffix('}').expect("a struct is a JSON object");
+        recorder.write(|file| write!(file, "{open},\"episodes\":["))?;
+        Ok(recorder)
+    }
+
+    /// Appends an episode.
+    pub fn push(&mut self, episode: &Episode) -> Result<()> {
+        let separator = if self.episodes == 0 { "" } else { "," };
+        self.episodes += 1;
+        self.write(|file| {
+            writeln!(file, "{separator}")?;
+            serde_json::to_writer(file, episode).map_err(std::io::Error::from)
+        })
+    }
+
+    /// Puts the recording in its place.
+    pub fn finish(mut self) -> Result<()> {
+        self.write(|file| writeln!(file, "\n]}}"))?;
+        self.file.commit()
+    }
+
+    fn write(&mut self, write: impl FnOnce(&mut AtomicFile) -> std::io::Result<()>) -> Result<()> {
+        let path = self.file.path().to_owned();
+        write(&mut self.file).map_err(|e| Error::io("write", &path, e))
+    }
+}

@@ -1,0 +1,78 @@
+//! The audit: where each part of each policy input came from, held against what was sent.
+
+use std::fmt;
+
+use super::{Decisions, Tick};
+use crate::world::Task;
+
+/// Counts the parts of policy inputs by origin. A part is the unique part of one agent's observation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Audit {
+    /// The agent's own.
+    pub own: u64,
+    /// Received from a peer.
+    pub received: u64,
+    /// Imagined by the imputer.
+    pub imputed: u64,
+    /// Parts whose link was up but that were not used: late or from a peer that is gone.
+    pub late: u64,
+    /// Own, received or common parts that are not, bit by bit, what the sensor said.
+    pub altered: u64,
+    /// Parts that were used although their link was down.
+    pub leaked: u64,
+}
+
+impl Audit {
+    /// Looks at one tick.
+    pub(super) fn tick(&mut self, task: &Task, tick: &Tick, decisions: &Decisions) {
+        let (agents, worlds) = (task.n_agents(), tick.worlds);
+        let (joint, predicted) = (task.joint_dim(), task.predicted_dim());
+        let (unique, common) = (task.unique_dim(), task.common_dim());
+        for agent in 0..agents {
+            for world in 0..worlds {
+                let row = agent * worlds + world;
+                let (up, used) = (tick.rows[row], decisions.used[row]);
+                let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
+                self.leaked += u64::from((used & !up).count_ones());
+                for sender in 0..agents {
+                    let is_used = used >> sender & 1 == 1;
+                    let part = &estimate[sender * unique..(sender + 1) * unique];
+                    let same = is_same(part, &tick.observation(task, sender, world)[..unique]);
+                    match (sender == agent, is_used) {
+                        (true, _) => self.own += 1,
+                        (false, true) => self.received += 1,
+                        (false, false) => self.imputed += 1,
+                    }
+                    self.late += u64::from(up >> sender & 1 == 1 && !is_used);
+                    self.altered += u64::from((sender == agent || is_used) && !same);
+                }
+                let own_common = &tick.observation(task, agent, world)[unique..unique + common];
+                self.altered += u64::from(!is_same(&estimate[predicted..], own_common));
+            }
+        }
+    }
+
+    /// Whether every part was what it should be.
+    pub fn holds(&self) -> bool {
+        self.altered == 0 && self.leaked == 0
+    }
+}
+
+impl fmt::Display for Audit {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Audit { own, received, imputed, late, altered, leaked } = self;
+        let total = (own + received + imputed).max(1) as f64 / 100.0;
+        write!(
+            f,
+            "{own} own ({:.1} %), {received} received ({:.1} %), {imputed} imputed ({:.1} %); \
+             {late} late, {altered} altered, {leaked} leaked",
+            *own as f64 / total,
+            *received as f64 / total,
+            *imputed as f64 / total
+        )
+    }
+}
+
+fn is_same(a: &[f32], b: &[f32]) -> bool {
+    a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
+}

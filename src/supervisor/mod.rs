@@ -1,0 +1,121 @@
+//! The supervisor: owns the worlds, the clock and the seeds, and the agents' processes.
+//!
+//! [`Session`] plays episodes in lockstep with a [`Team`]: agents that run as processes of their own
+//! ([`Processes`]) or within this one ([`InProcess`]).
+
+mod audit;
+mod in_process;
+mod launch;
+mod ledger;
+mod processes;
+mod session;
+pub mod signals;
+mod stage;
+mod statistics;
+
+pub use audit::Audit;
+pub use in_process::InProcess;
+pub use processes::Processes;
+pub use session::Session;
+pub use stage::Stage;
+pub use statistics::{EpisodeStatistics, Statistics};
+
+use self::ledger::Ledger;
+use crate::agents::now_ns;
+use crate::bus::{Header, Layout};
+use crate::error::Result;
+use crate::world::Task;
+
+/// What the supervisor gives a team at a tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Tick<'a> {
+    /// Episode of world 0; world w plays episode + w.
+    pub episode: u64,
+    /// Step within the episode.
+    pub step: u32,
+    /// Ticks since the team started.
+    pub tick: u64,
+    /// Worlds that are played.
+    pub worlds: usize,
+    /// Padded observations, `[agents, worlds, observation]`.
+    pub observations: &'a [f32],
+    /// Link rows, `[agents, worlds]`: bit j tells whether j's observation is delivered.
+    pub rows: &'a [u64],
+}
+
+/// What a team answers.
+#[derive(Clone, Debug, Default)]
+pub struct Decisions {
+    /// `[agents, worlds]`.
+    pub actions: Vec<u8>,
+    /// Whose observations an agent used, `[agents, worlds]`; empty unless reports are on.
+    pub used: Vec<u64>,
+    /// The policies' inputs, `[agents, worlds, joint]`; empty unless reports are on.
+    pub estimates: Vec<f32>,
+    /// `[agents, worlds, N_ACTIONS]`; empty unless reports are on.
+    pub logits: Vec<f32>,
+}
+
+/// A team of agents that ticks in lockstep.
+pub trait Team {
+    /// Gives every agent its own observation and its link rows, lets them exchange observations, and
+    /// returns when all have decided.
+    fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()>;
+}
+
+impl Tick<'_> {
+    /// The padded observation of one agent in one world.
+    pub fn observation(&self, task: &Task, agent: usize, world: usize) -> &[f32] {
+        let length = task.padded_obs_dim();
+        &self.observations[(agent * self.worlds + world) * length..][..length]
+    }
+
+    /// The parts of a sensor message's header that are the same for all agents.
+    fn header(&self, words: usize) -> Header {
+        Header {
+            episode: self.episode,
+            step: self.step,
+            tick: self.tick,
+            worlds: self.worlds as u32,
+            length: words as u64,
+            sent_ns: now_ns(),
+            ..Header::default()
+        }
+    }
+
+    /// Writes the sensor message of one agent: its own observations and its rows, nobody else's.
+    fn write(&self, agent: usize, layout: &Layout, words: &mut [u32]) {
+        let mine = agent * self.worlds..(agent + 1) * self.worlds;
+        let observations = &self.observations[mine.start * layout.observation..mine.end * layout.observation];
+        layout.write_sensor(words, &self.rows[mine], observations);
+    }
+}
+
+impl Decisions {
+    /// Makes room for a team of `agents` in `worlds` worlds.
+    fn resize(&mut self, agents: usize, worlds: usize, layout: &Layout) {
+        let rows = agents * worlds;
+        let reported = if layout.report { rows } else { 0 };
+        self.actions.resize(rows, 0);
+        self.used.resize(reported, 0);
+        self.estimates.resize(reported * layout.joint, 0.0);
+        self.logits.resize(reported * layout.logits, 0.0);
+    }
+
+    /// Takes in one agent's decision for all worlds.
+    fn take(&mut self, agent: usize, worlds: usize, layout: &Layout, words: &[u32]) {
+        let decision = layout.decision(words, worlds);
+        let first = agent * worlds;
+        for (world, action) in decision.actions.iter().enumerate() {
+            self.actions[first + world] = *action as u8;
+        }
+        if layout.report {
+            for world in 0..worlds {
+                self.used[first + world] = decision.row(world);
+            }
+            let (joint, logits) = (layout.joint, layout.logits);
+            self.estimates[first * joint..][..worlds * joint].copy_from_slice(decision.estimates);
+            self.logits[first * logits..][..worlds * logits].copy_from_slice(decision.logits);
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! A team of processes over shared memory.
+
+use std::time::{Duration, Instant};
+
+use super::launch::{AgentProcess, reap};
+use super::{Decisions, Team, Tick, signals};
+use crate::agents::process::ProcessSettings;
+use crate::agents::{AgentSettings, PolicySource};
+use crate::bus::{
+    Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
+    shared_memory_free, shared_memory_needed, wait_until,
+};
+use crate::error::Result;
+use crate::failed;
+use crate::nn::Policy;
+
+/// How long the agents may take to start.
+const READY_DEADLINE: Duration = Duration::from_secs(30);
+
+/// How long an agent may take for one phase of a tick before it counts as hung.
+const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
+
+/// A running swarm. Dropping it ends the agents and leaves nothing behind.
+#[derive(Debug)]
+pub struct Processes {
+    agents: Vec<AgentProcess>,
+    port: SupervisorPort,
+    identity: Header,
+    layout: Layout,
+    wait: Wait,
+    /// Agents that have done what the current phase waits for, bit by bit.
+    answered: u64,
+    // Declared last: all else in it goes first.
+    _directory: SwarmDirectory,
+}
+
+impl Processes {
+    /// Starts one process per agent, with the `policy` that `settings` name, and waits until all are ready.
+    pub fn start(settings: &AgentSettings, policy: &Policy, wait: Wait) -> Result<Processes> {
+        let (team, layout) = (settings.task()?.n_agents(), settings.layout()?);
+        let directory = SwarmDirectory::create()?;
+        let settings = share_weights(settings, policy, &directory)?;
+        check_shared_memory(team, settings.worlds, &layout)?;
+        let address = SwarmAddress { tag: directory.tag().to_owned(), agents: team, worlds: settings.worlds };
+        let mut swarm = Processes {
+            agents: Vec::with_capacity(team),
+            port: SupervisorPort::create(&address, &layout)?,
+            identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
+            layout,
+            wait,
+            answered: 0,
+            _directory: directory,
+        };
+        for agent in 0..team {
+            let process = ProcessSettings {
+                address: address.clone(),
+                agent,
+                incarnation: 0,
+                wait,
+                supervisor: std::process::id() as i32,
+                settings: settings.clone(),
+            };
+            swarm.agents.push(AgentProcess::start(&process)?);
+        }
+        swarm.await_all("get ready", Instant::now() + READY_DEADLINE, Processes::take_ready)?;
+        Ok(swarm)
+    }
+
+    fn send_sensors(&mut self, tick: &Tick) -> Result<()> {
+        let words = self.layout.sensor_words(tick.worlds);
+        for agent in 0..self.agents.len() {
+            let header = self.header(Kind::Sensor, agent, tick.header(words));
+            self.port.send_sensor(agent, header, |words| tick.write(agent, &self.layout, words))?;
+        }
+        self.wake_agents()
+    }
+
+    fn header(&self, kind: Kind, agent: usize, rest: Header) -> Header {
+        let Header { protocol, swarm, .. } = self.identity;
+        Header { protocol, swarm, kind: kind as u32, sender: agent as u32, ..rest }
+    }
+
+    fn wake_agents(&self) -> Result<()> {
+        match self.wait {
+            Wait::Block => self.port.wake_agents(),
+            Wait::Spin => Ok(()),
+        }
+    }
+
+    /// Waits until `take` has seen the answer of every agent.
+    fn await_all(
+        &mut self,
+        what: &str,
+        deadline: Instant,
+        mut take: impl FnMut(&mut Processes) -> Result<()>,
+    ) -> Result<()> {
+        self.answered = 0;
+        let all = u64::MAX >> (u64::BITS - self.agents.len() as u32);
+        let (wait, started) = (self.wait, Instant::now());
+        let done = wait_until(
+            self,
+            wait,
+            deadline,
+            |swarm, longest| swarm.port.sleep(longest),
+            |swarm| {
+                take(swarm)?;
+                swarm.check_agents()?;
+                signals::check_stop()?;
+                Ok(swarm.answered == all)
+            },
+        )?;
+        if done {
+            return Ok(());
+        }
+        let missing = (0..self.agents.len()).filter(|agent| self.answered >> agent & 1 == 0);
+        let missing: Vec<String> = missing.map(|agent| format!("agent-{agent}")).collect();
+        let waited = started.elapsed().as_secs_f64();
+        Err(failed!("{} did not {what} within {waited:.1} s; ending the swarm", missing.join(", ")))
+    }
+
+    fn check_agents(&mut self) -> Result<()> {
+        if signals::take_child_ended() {
+            self.agents.iter_mut().try_for_each(AgentProcess::check_alive)?;
+        }
+        Ok(())
+    }
+
+    fn take_ready(&mut self) -> Result<()> {
+        while let Some(sample) = self.port.receive_decision()? {
+            self.mark(&sample, Kind::Ready, 0, 0);
+        }
+        Ok(())
+    }
+
+    fn take_observations(&mut self, tick: &Tick) -> Result<()> {
+        let words = self.layout.observation_words(tick.worlds);
+        while let Some(sample) = self.port.receive_observation()? {
+            self.mark(&sample, Kind::Observation, tick.tick, words);
+        }
+        Ok(())
+    }
+
+    fn take_decisions(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
+        let words = self.layout.decision_words(tick.worlds);
+        while let Some(sample) = self.port.receive_decision()? {
+            if let Some(agent) = self.mark(&sample, Kind::Decision, tick.tick, words) {
+                decisions.take(agent, tick.worlds, &self.layout, sample.words());
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes that an agent has answered, if the message is the one expected of it.
+    fn mark(&mut self, sample: &SharedSample, kind: Kind, tick: u64, words: usize) -> Option<usize> {
+        let (header, agent) = (sample.header(), sample.header().sender as usize);
+        let expected = header.fits(kind, self.identity.swarm, words)
+            && sample.words().len() == words
+            && header.tick == tick
+            && agent < self.agents.len();
+        expected.then(|| {
+            self.answered |= 1 << agent;
+            agent
+        })
+    }
+}
+
+impl Team for Processes {
+    fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
+        decisions.resize(self.agents.len(), tick.worlds, &self.layout);
+        let deadline = Instant::now() + ANSWER_DEADLINE;
+        self.send_sensors(tick)?;
+        self.await_all("publish an observation", deadline, |swarm| swarm.take_observations(tick))?;
+        self.wake_agents()?;
+        self.await_all("decide", deadline, |swarm| swarm.take_decisions(tick, decisions))
+    }
+}
+
+impl Drop for Processes {
+    fn drop(&mut self) {
+        for agent in 0..self.agents.len() {
+            let header = self.header(Kind::Shutdown, agent, Header::default());
+            // An agent that cannot be told is ended.
+            let _ = self.port.send_sensor(agent, header, |_| {});
+        }
+        let _ = self.port.wake_agents();
+        reap(&mut self.agents);
+    }
+}
+
+/// Puts weights that are in this process only into a file, so that the agents map them like any others
+/// instead of making a copy each.
+fn share_weights(
+    settings: &AgentSettings,
+    policy: &Policy,
+    directory: &SwarmDirectory,
+) -> Result<AgentSettings> {
+    let mut settings = settings.clone();
+    if let PolicySource::Untrained(_) = settings.policy {
+        let path = directory.path().join("policy.safetensors");
+        policy.save(&path)?;
+        settings.policy = PolicySource::File(path);
+    }
+    Ok(settings)
+}
+
+/// Shared memory that runs out shows up as SIGBUS in the middle of a run, so look first.
+fn check_shared_memory(agents: usize, worlds: usize, layout: &Layout) -> Result<()> {
+    let (free, total) = shared_memory_free()?;
+    let needed = shared_memory_needed(agents, worlds, layout);
+    if needed <= free {
+        return Ok(());
+    }
+    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+    Err(failed!(
+        "shared memory is too small: {agents} agents in {worlds} worlds need about {} MiB, /dev/shm has {} MiB \
+         free of {} MiB; use fewer --worlds, see what `vamaro-swarm doctor` finds, or enlarge it \
+         (mount -o remount,size=.. /dev/shm)",
+        mib(needed),
+        mib(free),
+        mib(total)
+    ))
+}

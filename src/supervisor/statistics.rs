@@ -1,0 +1,103 @@
+//! What is counted while episodes are played.
+
+use std::time::Duration;
+
+use hdrhistogram::Histogram;
+
+use crate::stats::{ci95, mean};
+
+/// One finished episode.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EpisodeStatistics {
+    /// Undiscounted sum of the team rewards.
+    pub episode_return: f64,
+    /// Observations delivered, over i != j and t >= 1.
+    pub delivered: u64,
+    /// Observations sent, over i != j and t >= 1.
+    pub sent: u64,
+    /// Sum of the squared errors of all imputed values.
+    pub squared_error: f64,
+    /// Imputed values.
+    pub imputed: u64,
+}
+
+/// All episodes of a session, in the order of their numbers.
+#[derive(Clone, Debug)]
+pub struct Statistics {
+    episodes: Vec<EpisodeStatistics>,
+    /// Nanoseconds.
+    tick_times: Histogram<u64>,
+    elapsed: Duration,
+}
+
+impl Default for Statistics {
+    fn default() -> Statistics {
+        const LONGEST: u64 = 60_000_000_000;
+        let tick_times = Histogram::new_with_bounds(1, LONGEST, 3).expect("the bounds are in order");
+        Statistics { episodes: Vec::new(), tick_times, elapsed: Duration::ZERO }
+    }
+}
+
+impl Statistics {
+    pub(super) fn push_episode(&mut self, episode: EpisodeStatistics) {
+        self.episodes.push(episode);
+    }
+
+    pub(super) fn push_tick(&mut self, time: Duration) {
+        self.tick_times.saturating_record(time.as_nanos() as u64);
+    }
+
+    pub(super) fn set_elapsed(&mut self, elapsed: Duration) {
+        self.elapsed = elapsed;
+    }
+
+    /// The episodes.
+    pub fn episodes(&self) -> &[EpisodeStatistics] {
+        &self.episodes
+    }
+
+    /// Mean return; NaN before the first episode.
+    pub fn return_mean(&self) -> f64 {
+        mean(&self.returns())
+    }
+
+    /// Half the width of the 95 % confidence interval of the mean return.
+    pub fn return_ci95(&self) -> Option<f64> {
+        ci95(&self.returns())
+    }
+
+    /// Realised share of observations that were delivered, over i != j and t >= 1; `None` for a team
+    /// of one.
+    pub fn delivery_rate(&self) -> Option<f64> {
+        let sent: u64 = self.episodes.iter().map(|e| e.sent).sum();
+        let delivered: u64 = self.episodes.iter().map(|e| e.delivered).sum();
+        (sent > 0).then(|| delivered as f64 / sent as f64)
+    }
+
+    /// Root mean squared error of the imputed values, in units of the observation; `None` if nothing
+    /// was imputed.
+    pub fn imputation_rmse(&self) -> Option<f64> {
+        let imputed: u64 = self.episodes.iter().map(|e| e.imputed).sum();
+        let squared_error: f64 = self.episodes.iter().map(|e| e.squared_error).sum();
+        (imputed > 0).then(|| (squared_error / imputed as f64).sqrt())
+    }
+
+    /// Ticks played.
+    pub fn ticks(&self) -> u64 {
+        self.tick_times.len()
+    }
+
+    /// A quantile of the tick time, from the sensors sent to the last decision received.
+    pub fn tick_time(&self, quantile: f64) -> Duration {
+        Duration::from_nanos(self.tick_times.value_at_quantile(quantile))
+    }
+
+    /// Time spent playing.
+    pub fn elapsed(&self) -> Duration {
+        self.elapsed
+    }
+
+    fn returns(&self) -> Vec<f64> {
+        self.episodes.iter().map(|e| e.episode_return).collect()
+    }
+}

@@ -1,0 +1,113 @@
+//! Recorded agents: joint estimates and logits from the recorded observations and deliveries.
+
+use std::path::Path;
+
+use super::{Comparison, Deviations};
+use crate::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, PolicySource, Received, dims};
+use crate::error::{Error, Result};
+use crate::nn::{Meta, Policy, import};
+use crate::recording::{Episode, Recording};
+use crate::usage;
+use crate::world::Task;
+
+/// Largest deviation of a joint estimate or logit: networks in f32 that add in another order.
+const LARGEST: f64 = 1e-4;
+
+/// Their median deviation.
+const MEDIAN: f64 = 1e-5;
+
+pub(super) fn compare(
+    file: &Path,
+    recording: &Recording,
+    source: Option<&PolicySource>,
+) -> Result<Vec<Comparison>> {
+    let task = Task::parse(&recording.header.task)?;
+    let policy = find_policy(file, recording, source, &task)?;
+    let settings = AgentSettings {
+        imputer: ImputerName::choose(recording.header.imputer.as_deref(), &policy)?,
+        ..AgentSettings::for_task(&task)
+    };
+    let (mut estimates, mut logits) = (Deviations::default(), Deviations::default());
+    for index in 0..task.n_agents() {
+        let mut agent = Agent::with_policy(&settings, &policy, index)?;
+        for (number, episode) in recording.episodes.iter().enumerate() {
+            check_lengths(episode, &task, index)
+                .map_err(|what| Error::io("verify", file, format!("episode {number}: {what}")))?;
+            replay(&mut agent, episode, &task, &mut estimates, &mut logits);
+        }
+    }
+    Ok(vec![
+        estimates.largest(file, "joint estimates", LARGEST),
+        estimates.median(file, "joint estimates, median", MEDIAN),
+        logits.largest(file, "logits", LARGEST),
+        logits.median(file, "logits, median", MEDIAN),
+    ])
+}
+
+/// Runs one agent on what it saw and received, and compares what it thought.
+fn replay(
+    agent: &mut Agent,
+    episode: &Episode,
+    task: &Task,
+    estimates: &mut Deviations,
+    logits: &mut Deviations,
+) {
+    let (index, available) = (agent.index(), task.available_actions(agent.index()));
+    agent.begin_episode(1);
+    for (step, delivered) in episode.delivered.iter().enumerate() {
+        let observations = &episode.obs[step];
+        let inbox = Inbox::of(task.n_agents(), |sender| {
+            let received = Received { tick: step as u64, observation: &observations[sender] };
+            (delivered[index][sender] == 1).then_some(received)
+        });
+        agent.fuse(0, &observations[index], &inbox);
+        agent.act(0, step as u32, 1);
+        estimates.add_all(agent.estimates(), &episode.joint_estimate[step][index]);
+        logits.add_all(&agent.logits()[..available], &episode.logits[step][index]);
+        agent.predict();
+    }
+}
+
+fn check_lengths(episode: &Episode, task: &Task, agent: usize) -> std::result::Result<(), String> {
+    let padded = |step: &Vec<Vec<f32>>| step.iter().all(|obs| obs.len() == task.padded_obs_dim());
+    if !episode.obs.iter().all(padded) {
+        return Err(format!("observations of a trace are padded to {}", task.padded_obs_dim()));
+    }
+    let joint = |step: &Vec<Vec<f32>>| step[agent].len() == task.joint_dim();
+    if !episode.joint_estimate.iter().all(joint) {
+        return Err(format!("joint estimates of {} have {} values", task.id(), task.joint_dim()));
+    }
+    Ok(())
+}
+
+/// The policy asked for, the one beside the trace, or the one the trace names.
+fn find_policy(
+    file: &Path,
+    recording: &Recording,
+    source: Option<&PolicySource>,
+    task: &Task,
+) -> Result<Policy> {
+    if let Some(source) = source {
+        return source.load(task);
+    }
+    let beside = |name: &str| file.parent().unwrap_or(Path::new("")).join(name);
+    let (own, actors, predictor) = (beside("policy.safetensors"), beside("agent.th"), beside("network.th"));
+    if own.exists() {
+        return PolicySource::File(own).load(task);
+    }
+    if actors.exists() && predictor.exists() {
+        let predictors = [(PREFERRED.to_owned(), predictor)];
+        return import(&actors, &predictors, &dims(task), Meta::new(task.id(), 0));
+    }
+    let named = [PolicySource::Builtin, PolicySource::Untrained(recording.header.seed.unwrap_or_default())]
+        .into_iter()
+        .find(|source| recording.header.policy.as_deref() == Some(&source.to_string()));
+    match named {
+        Some(source) => source.load(task),
+        None => Err(usage!(
+            "no policy for the trace {}: put policy.safetensors (or agent.th and network.th) beside it, or \
+             name one with --policy",
+            file.display()
+        )),
+    }
+}

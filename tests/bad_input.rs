@@ -1,0 +1,148 @@
+//! Bad input through the real binary: one clear message, the right exit code, nothing half-written.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::{fail, run, succeed};
+
+/// A folder with a policy file for hear-see.
+fn with_policy() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("policy.safetensors");
+    let pretrained = Path::new(env!("CARGO_MANIFEST_DIR")).join("agents/pretrained/hear-see.safetensors");
+    std::fs::copy(pretrained, &path).unwrap();
+    (folder, path)
+}
+
+/// Runs `spawn` with a policy file of these bytes.
+fn fail_with_policy(bytes: &[u8], code: i32, saying: &[&str]) {
+    let (_folder, path) = with_policy();
+    std::fs::write(&path, bytes).unwrap();
+    fail(&format!("spawn --task hear-see --policy {}", path.display()), code, saying);
+}
+
+#[test]
+fn numbers_out_of_range() {
+    for p in ["1.5", "-0.1", "nan", "inf", "often"] {
+        fail(&format!("spawn --p={p}"), 2, &["--p"]);
+        fail(&format!("spawn --drop={p}"), 2, &["--drop"]);
+    }
+    for words in ["--agents 0", "--agents -1", "--episodes 0", "--worlds 0", "--worlds 100000", "--seed -1"] {
+        fail(&format!("spawn {words}"), 2, &[]);
+    }
+}
+
+#[test]
+fn requests_that_make_no_sense() {
+    fail("spawn --p 0.2 --drop 0.8", 2, &["--drop"]);
+    fail("spawn --p 0.2 --links dynamic", 2, &["--links"]);
+    fail("spawn --task hear-sea", 2, &["hear-sea", "hear-see"]);
+    fail("spawn --task spread-xy-3", 2, &["even"]);
+    fail("spawn --agents 5", 2, &["2, 3, 4, 6, 8 and 12", "spread-blindfold-N"]);
+    fail("spawn --task hear-see --agents 3", 2, &["2 agents", "spread-blindfold-3"]);
+    fail("spawn --agents 3", 2, &["no built-in policy for spread-blindfold", "--policy untrained"]);
+    fail("spawn --imputer clairvoyant", 2, &["clairvoyant", "value-aware", "hold"]);
+    fail("spawn --links sometimes", 2, &["uniform, asymmetric, dynamic"]);
+    fail("spawn --in-process --wait spin", 2, &["--wait"]);
+    fail("frobnicate", 2, &["frobnicate"]);
+}
+
+#[test]
+fn communication_matrices() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("links.txt");
+    for (text, says) in [
+        ("1 0.5\n0.5 1\n", "4 agents need 4 rows"),
+        ("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0\n", "row 3 has 3 entries"),
+        ("1 0 0 7\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "row 0, column 3"),
+        ("1 0 0 x\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "`x` is not a number"),
+        ("0 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "diagonal"),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        fail(&format!("spawn --agents 4 --links {}", path.display()), 2, &[says, "links.txt"]);
+    }
+    std::fs::write(&path, "1 0\n1 1\n").unwrap();
+    let text = succeed(&format!("spawn --agents 2 --episodes 5 --links {}", path.display()));
+    assert!(text.contains("delivered   50.00 %"), "one of two links is up: {text}");
+}
+
+#[test]
+fn policies_that_are_none() {
+    fail("spawn --policy no/such/file", 2, &["no/such/file"]);
+    let (folder, path) = with_policy();
+    succeed(&format!("spawn --task hear-see --episodes 1 --policy {}", folder.path().display()));
+    let good = std::fs::read(&path).unwrap();
+    fail(&format!("spawn --task SXY-4 --policy {}", path.display()), 2, &["hear-see", "spread-xy-4"]);
+    fail_with_policy(b"", 1, &["policy.safetensors"]);
+    fail_with_policy(&good[..good.len() / 2], 1, &["policy.safetensors"]);
+    fail_with_policy(&good[..100], 1, &["policy.safetensors"]);
+    fail_with_policy(b"this is no policy at all, but it is long enough to look for a header", 1, &[]);
+    let mut huge_header = good.clone();
+    huge_header[..8].fill(0xff);
+    fail_with_policy(&huge_header, 1, &[]);
+    let mut not_a_number = good.clone();
+    let end = not_a_number.len();
+    not_a_number[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+    fail_with_policy(&not_a_number, 1, &["NaN"]);
+}
+
+#[test]
+fn a_record_path_that_cannot_be_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let missing = folder.path().join("missing/trace.json");
+    fail(&format!("spawn --episodes 1 --record {}", missing.display()), 1, &["trace.json"]);
+    fail(&format!("spawn --episodes 1 --record {}", folder.path().display()), 1, &["folder"]);
+}
+
+#[test]
+fn an_interrupted_recording_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.json");
+    let swarm = common::Swarm::start(&format!("--agents 2 --record {}", path.display()));
+    swarm.signal_supervisor(rustix::process::Signal::INT);
+    assert_eq!(swarm.wait().0, Some(130));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn shared_memory_that_is_too_small() {
+    // More than any machine has: 64 agents in 65,536 worlds take some 80 GiB.
+    let words = "spawn --task spread-blindfold-64 --policy untrained --episodes 65536 --worlds 65536";
+    fail(words, 1, &["/dev/shm", "--worlds", "doctor"]);
+}
+
+#[test]
+fn importing_what_is_no_state_dict() {
+    let folder = tempfile::tempdir().unwrap();
+    let (actors, out) = (folder.path().join("agent.th"), folder.path().join("policy.safetensors"));
+    let import = format!("import {} --task hear-see --out {}", actors.display(), out.display());
+    fail(&import, 2, &["agent.th"]);
+    for bytes in [&b""[..], b"PK\x03\x04 but no more", &[7; 5000]] {
+        std::fs::write(&actors, bytes).unwrap();
+        fail(&import, 1, &["agent.th"]);
+        assert!(!out.exists());
+    }
+    fail("import x.th --task no-such-task", 2, &["no-such-task"]);
+    fail("import x.th --task SL --predictor value-aware", 2, &["NAME=FILE"]);
+}
+
+#[test]
+fn inspecting_what_nobody_knows() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notes.txt");
+    std::fs::write(&path, "hello").unwrap();
+    fail(&format!("inspect {}", path.display()), 2, &["notes.txt"]);
+    fail("inspect no-such-file.json", 2, &["no-such-file.json"]);
+    let (_folder, policy) = with_policy();
+    let text = succeed(&format!("inspect {}", policy.display()));
+    assert!(text.contains("hear-see") && text.contains("actors.0.fc1.weight"), "{text}");
+}
+
+#[test]
+fn helpful_commands_help() {
+    for words in ["--help", "spawn --help", "tasks", "tasks --json", "doctor", "completions bash"] {
+        assert!(!succeed(words).is_empty());
+    }
+    assert_eq!(run("").status.code(), Some(2));
+}

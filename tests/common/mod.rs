@@ -1,0 +1,141 @@
+//! Running the real binary.
+#![allow(dead_code)] // Each test binary uses its part.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+
+/// The program under test.
+pub const PROGRAM: &str = env!("CARGO_BIN_EXE_vamaro-swarm");
+
+/// A command of the program, its words separated by blanks.
+pub fn command(words: &str) -> Command {
+    let mut command = Command::new(PROGRAM);
+    command.args(words.split_whitespace()).env_remove("IOX2_LOG_LEVEL");
+    command
+}
+
+/// Runs a command to its end.
+pub fn run(words: &str) -> Output {
+    command(words).output().expect("the program starts")
+}
+
+/// Runs a command that must succeed; what it wrote to stdout.
+pub fn succeed(words: &str) -> String {
+    let output = run(words);
+    assert!(output.status.success(), "{words}: {}", stderr(&output));
+    String::from_utf8(output.stdout).expect("output is text")
+}
+
+/// Runs a command that must fail with this exit code, saying all of `saying` in one error on stderr.
+pub fn fail(words: &str, code: i32, saying: &[&str]) {
+    let output = run(words);
+    let stderr = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "{words}: {stderr}");
+    assert_eq!(stderr.matches("error: ").count(), 1, "{words}: {stderr}");
+    assert!(!stderr.contains("panicked"), "{words}: {stderr}");
+    for part in saying {
+        assert!(stderr.contains(part), "{words}: `{part}` is not in: {stderr}");
+    }
+}
+
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A file of the test data.
+pub fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
+
+/// A swarm of processes that is playing. Dropping it ends it.
+pub struct Swarm {
+    supervisor: Option<Child>,
+    pub agents: Vec<Pid>,
+    pub tag: String,
+}
+
+impl Swarm {
+    /// Starts a swarm that plays for a long time and waits until its agents listen.
+    pub fn start(words: &str) -> Swarm {
+        let mut command = command(&format!("spawn --episodes 10000000 {words}"));
+        let supervisor = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let process = supervisor.id();
+        let mut swarm = Swarm { supervisor: Some(supervisor), agents: Vec::new(), tag: String::new() };
+        let deadline = Instant::now() + Duration::from_secs(30);
+        while Instant::now() < deadline {
+            swarm.agents = children(process);
+            if let Some(settings) = swarm.agents.first().and_then(|agent| settings_of(*agent)) {
+                let address = &settings["address"];
+                swarm.tag = address["tag"].as_str().unwrap().to_owned();
+                let team = address["agents"].as_u64().unwrap() as usize;
+                // One socket for the supervisor, and one for each agent once it listens.
+                if swarm.agents.len() == team && sockets(&swarm.tag) > team {
+                    return swarm;
+                }
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("the swarm does not start: {words}");
+    }
+
+    pub fn signal_supervisor(&self, signal: Signal) {
+        kill_process(Pid::from_child(self.supervisor.as_ref().unwrap()), signal).unwrap();
+    }
+
+    /// Waits for the supervisor to end; its exit code and what it wrote to stderr.
+    pub fn wait(mut self) -> (Option<i32>, String) {
+        let output = self.supervisor.take().unwrap().wait_with_output().unwrap();
+        (output.status.code(), stderr(&output))
+    }
+}
+
+impl Drop for Swarm {
+    fn drop(&mut self) {
+        if let Some(mut supervisor) = self.supervisor.take() {
+            let _ = supervisor.kill();
+            let _ = supervisor.wait();
+        }
+    }
+}
+
+/// Fails if anything of a swarm is still on the machine.
+pub fn assert_gone(agents: &[Pid], tag: &str) {
+    for agent in agents {
+        let status = std::fs::read_to_string(format!("/proc/{}/stat", agent.as_raw_nonzero()));
+        assert!(status.is_err(), "agent {agent:?} is still there: {status:?}");
+    }
+    assert_eq!(shared_memory(tag), Vec::<String>::new());
+    assert!(!root(tag).exists(), "{} is still there", root(tag).display());
+}
+
+/// The directory of a swarm.
+pub fn root(tag: &str) -> PathBuf {
+    let user = rustix::process::geteuid().as_raw();
+    PathBuf::from(format!("/tmp/vamaro-swarm-{user}")).join(tag)
+}
+
+/// The names of a swarm's shared memory.
+pub fn shared_memory(tag: &str) -> Vec<String> {
+    let names = std::fs::read_dir("/dev/shm").unwrap().filter_map(|e| e.ok()?.file_name().into_string().ok());
+    names.filter(|name| name.starts_with(&format!("vs_{tag}_"))).collect()
+}
+
+fn sockets(tag: &str) -> usize {
+    let entries = std::fs::read_dir(root(tag)).into_iter().flatten().flatten();
+    entries.filter(|entry| entry.file_name().to_string_lossy().ends_with(".event")).count()
+}
+
+fn children(process: u32) -> Vec<Pid> {
+    let path = format!("/proc/{process}/task/{process}/children");
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    text.split_whitespace().filter_map(|pid| Pid::from_raw(pid.parse().ok()?)).collect()
+}
+
+/// The settings an agent was started with.
+fn settings_of(agent: Pid) -> Option<serde_json::Value> {
+    let line = std::fs::read(format!("/proc/{}/cmdline", agent.as_raw_nonzero())).ok()?;
+    serde_json::from_slice(line.split(|byte| *byte == 0).nth(2)?).ok()
+}

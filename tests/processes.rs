@@ -1,0 +1,141 @@
+//! Swarms of processes: nothing is left behind, however they end.
+
+mod common;
+
+use common::{Swarm, assert_gone, fail, run, shared_memory, stderr, succeed};
+use rustix::process::{Signal, kill_process};
+use serde_json::Value;
+
+#[test]
+fn the_main_job_runs_and_says_what_it_did() {
+    let text = succeed("spawn --agents 4 --p 0.2 --episodes 20");
+    let first = text.lines().next().unwrap();
+    assert!(first.contains("p = 0.2") && first.contains("drop = 0.8"), "{first}");
+    for part in [
+        "return",
+        "95 %",
+        "delivered",
+        "RMSE",
+        "p50",
+        "p99",
+        "value-aware",
+        "half trained",
+        "0.6 M env steps",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let first = succeed("spawn --drop 0.25 --episodes 1");
+    assert!(first.contains("p = 0.75") && first.contains("drop = 0.25"), "{first}");
+}
+
+#[test]
+fn programs_can_read_the_summary() {
+    let json: Value =
+        serde_json::from_str(&succeed("spawn --agents 4 --p 0.6 --episodes 50 --audit --json")).unwrap();
+    assert_eq!(json["task"], "spread-xy-4");
+    assert_eq!(json["episodes"], 50);
+    assert_eq!(json["ticks"], 50 * 25);
+    assert!(json["return_mean"].as_f64().unwrap() < 0.0);
+    assert!(json["return_ci95"].as_f64().unwrap() > 0.0);
+    // 50 * 24 * 12 links, each up with 0.6: five sigma are 0.02.
+    assert!((json["delivery_rate"].as_f64().unwrap() - 0.6).abs() < 0.02, "{json}");
+    assert!(json["imputation_rmse"].as_f64().unwrap() > 0.0);
+    let (ticks, audit) = (50 * 25 * 4, &json["audit"]);
+    assert_eq!(audit["own"], ticks);
+    assert_eq!(audit["received"].as_u64().unwrap() + audit["imputed"].as_u64().unwrap(), 3 * ticks);
+    let first_steps = 50 * 12;
+    let delivered = (json["delivery_rate"].as_f64().unwrap() * (50 * 24 * 12) as f64).round() as u64;
+    assert_eq!(audit["received"], delivered + first_steps, "what was delivered is what was used");
+    assert_eq!((&audit["late"], &audit["altered"], &audit["leaked"]), (&0.into(), &0.into(), &0.into()));
+}
+
+#[test]
+fn a_team_of_one_has_no_links() {
+    let json: Value = serde_json::from_str(&succeed(
+        "spawn --agents 1 --task spread-blindfold-1 --policy untrained --episodes 3 --json",
+    ))
+    .unwrap();
+    assert_eq!((&json["delivery_rate"], &json["imputation_rmse"]), (&Value::Null, &Value::Null));
+}
+
+#[test]
+fn interrupting_takes_everything_down() {
+    for signal in [Signal::INT, Signal::TERM, Signal::HUP] {
+        let swarm = Swarm::start("--agents 4 --p 0.2");
+        let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
+        assert!(!shared_memory(&tag).is_empty(), "a running swarm has shared memory");
+        swarm.signal_supervisor(signal);
+        let (code, stderr) = swarm.wait();
+        assert_eq!(code, Some(130), "{stderr}");
+        assert_gone(&agents, &tag);
+    }
+}
+
+#[test]
+fn an_agent_that_dies_ends_the_swarm_with_its_name() {
+    let swarm = Swarm::start("--agents 4 --p 0.2");
+    let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
+    kill_process(agents[2], Signal::KILL).unwrap();
+    let (code, stderr) = swarm.wait();
+    assert_eq!(code, Some(1));
+    assert!(stderr.contains("agent-2") && stderr.contains("signal 9"), "{stderr}");
+    assert_gone(&agents, &tag);
+}
+
+#[test]
+fn an_agent_that_hangs_is_found_and_ended() {
+    let swarm = Swarm::start("--agents 2");
+    let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
+    kill_process(agents[1], Signal::STOP).unwrap();
+    let (code, stderr) = swarm.wait();
+    assert_eq!(code, Some(1));
+    assert!(stderr.contains("agent-1 did not"), "{stderr}");
+    assert_gone(&agents, &tag);
+}
+
+#[test]
+fn agents_go_with_their_supervisor_and_the_next_start_cleans_up() {
+    let swarm = Swarm::start("--agents 4 --p 0.2");
+    let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
+    swarm.signal_supervisor(Signal::KILL);
+    swarm.wait();
+    assert!(!shared_memory(&tag).is_empty(), "nobody was left to clean up");
+    // The agents are ended by the kernel; whoever adopts them reaps them, which may take a moment.
+    while agents.iter().any(|agent| std::fs::exists(format!("/proc/{}", agent.as_raw_nonzero())).unwrap()) {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    succeed("spawn --episodes 1");
+    assert_gone(&agents, &tag);
+}
+
+#[test]
+fn two_swarms_on_one_machine_do_not_meet() {
+    let words = "spawn --agents 4 --p 0.2 --episodes 40 --json --audit";
+    let start = || common::command(words).stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let results = [start(), start()].map(|child| child.wait_with_output().unwrap());
+    let returns = results.map(|output| {
+        assert!(output.status.success());
+        let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(json["audit"]["altered"], 0);
+        json["return_mean"].as_f64().unwrap()
+    });
+    assert_eq!(returns[0], returns[1]);
+}
+
+#[test]
+fn the_log_of_the_bus_is_off_unless_asked_for() {
+    let quiet = run("spawn --episodes 1");
+    assert_eq!(stderr(&quiet), "");
+    let mut command = common::command("spawn --episodes 1");
+    let loud = command.env("IOX2_LOG_LEVEL", "trace").output().unwrap();
+    let stderr = String::from_utf8_lossy(&loud.stderr);
+    assert!(
+        stderr.contains("[agent-0] ") && stderr.contains("[agent-1] "),
+        "agents' stderr carries their names"
+    );
+}
+
+#[test]
+fn agents_are_not_for_the_command_line() {
+    fail("agent {}", 2, &["for the supervisor"]);
+}
