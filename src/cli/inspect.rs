@@ -39,16 +39,15 @@ impl Inspect {
 fn inspect_policy(path: &Path) -> Result<()> {
     let file = PolicyFile::read(path)?;
     let (meta, networks) = (&file.meta, &file.networks);
-    let mut rows = table(&["tensor", "shape", "values"]);
-    for tensor in &file.tensors {
-        let shape = format!("{:?}", tensor.shape);
-        rows.add_row([tensor.name.clone(), shape, tensor.n_values().to_string()]);
-    }
+    let rows = file.tensors.iter().map(|tensor| {
+        vec![tensor.name.clone(), format!("{:?}", tensor.shape), tensor.n_values().to_string()]
+    });
+    let rows = table(&["tensor", "shape", "values"], rows);
     let predictors = networks.predictors.iter();
     let predictors: Vec<String> = predictors.map(|p| format!("{} (hidden {})", p.name, p.hidden)).collect();
     print(&format!(
         "policy for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {}, \
-         {}, hidden {}\npredictors  {}\nparameters  {}\n\n{rows}\n",
+         {}, hidden {}\npredictors  {}\nparameters  {}\n\n{rows}",
         meta.task,
         meta.algorithm,
         meta.steps,
@@ -66,18 +65,18 @@ fn inspect_policy(path: &Path) -> Result<()> {
 fn inspect_recording(path: &Path) -> Result<()> {
     let recording = Recording::read(path)?;
     let header = &recording.header;
-    let mut rows = table(&["episode", "p", "return", "delivered"]);
-    for (number, episode) in recording.episodes.iter().enumerate() {
-        rows.add_row([
+    let rows = recording.episodes.iter().enumerate().map(|(number, episode)| {
+        vec![
             episode.episode.unwrap_or(number as u64).to_string(),
-            episode.p.map_or("-".to_owned(), |p| format!("{p}")),
+            episode.p.map_or("-".to_owned(), |p| p.to_string()),
             format!("{:.2}", episode.episode_return),
             delivered_share(&episode.delivered),
-        ]);
-    }
+        ]
+    });
+    let rows = table(&["episode", "p", "return", "delivered"], rows);
     let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "not said".to_owned());
     print(&format!(
-        "{} of {}\nagents      {}\nepisodes    {} of {} steps\nactor       {}\nimputer     {}\npolicy      {}\n\n{rows}\n",
+        "{} of {}\nagents      {}\nepisodes    {} of {} steps\nactor       {}\nimputer     {}\npolicy      {}\n\n{rows}",
         if recording.is_trace() { "trace" } else { "recording" },
         header.task,
         header.n_agents,

@@ -104,10 +104,11 @@ fn print_json(value: &serde_json::Value) -> Result<()> {
 }
 
 /// A table without borders, its columns as wide as they need to be.
-fn table(header: &[&str]) -> comfy_table::Table {
+fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut table = comfy_table::Table::new();
-    table.load_style(comfy_table::presets::NOTHING).set_header(header);
-    table
+    table.load_style(comfy_table::presets::NOTHING).set_header(header).add_rows(rows);
+    let padding = |line: &str| line.strip_prefix(' ').unwrap_or(line).trim_end().to_owned() + "\n";
+    table.to_string().lines().map(padding).collect()
 }
 
 /// Reads `--policy`: a file, a folder that holds `policy.safetensors`, `builtin` or `untrained`.

@@ -22,22 +22,26 @@ impl Tasks {
         if self.json {
             return print_json(&tasks.iter().map(as_json).collect());
         }
-        let mut rows =
-            table(&["task", "also", "agents", "observation", "joint", "predicted", "what the team does"]);
-        for task in &tasks {
-            rows.add_row([
+        let header = ["task", "also", "agents", "observation", "joint", "predicted"];
+        let rows = tasks.iter().map(|task| {
+            vec![
                 task.id().to_owned(),
                 task.aliases().join(", "),
                 task.n_agents().to_string(),
                 task.padded_obs_dim().to_string(),
                 task.joint_dim().to_string(),
                 task.predicted_dim().to_string(),
-                task.summary().to_owned(),
-            ]);
-        }
+            ]
+        });
+        // Teams of several sizes do the same.
+        let mut families = tasks.clone();
+        families.dedup_by_key(|task| task.summary());
+        let summaries: String =
+            families.iter().map(|task| format!("{:<18}{}\n", task.id(), task.summary())).collect();
         print(&format!(
-            "{rows}\n\nTeams of other sizes: spread-xy-N with even N from 2 to 64, spread-blindfold-N with N from \
-             1 to 64.\nDimensions are numbers of values; `predicted` are those an imputer completes.\n"
+            "{}\n{summaries}\nTeams of other sizes: spread-xy-N with even N from 2 to 64, spread-blindfold-N with \
+             N from 1 to 64.\nDimensions are numbers of values; `predicted` are those an imputer completes.\n",
+            table(&header, rows)
         ))
     }
 }

@@ -32,22 +32,22 @@ impl Verify {
     pub fn run(self) -> Result<()> {
         let policy = self.policy.as_deref().map(|name| policy_source(name, 0)).transpose()?;
         let report = verify(&self.paths, policy.as_ref())?;
-        let mut rows = table(&["", "file", "compared", "values", "deviation", "tolerance"]);
-        for Comparison { file, what, values, deviation, tolerance } in &report.comparisons {
-            let holds = if *values > 0 && deviation <= tolerance { "ok" } else { "FAIL" };
-            rows.add_row([
-                holds.to_owned(),
+        let rows = report.comparisons.iter().map(|comparison| {
+            let Comparison { file, what, values, deviation, tolerance } = comparison;
+            vec![
+                if comparison.holds() { "ok" } else { "FAIL" }.to_owned(),
                 file.display().to_string(),
                 (*what).to_owned(),
                 values.to_string(),
                 format!("{deviation:.1e}"),
                 format!("{tolerance:.0e}"),
-            ]);
-        }
+            ]
+        });
+        let rows = table(&["", "file", "compared", "values", "deviation", "tolerance"], rows);
         let skipped = report.skipped.iter();
         let skipped: String =
             skipped.map(|(file, what)| format!("skipped {}: {what}\n", file.display())).collect();
-        print(&format!("{rows}\n{skipped}"))?;
+        print(&format!("{rows}{skipped}"))?;
         let (total, failed) =
             (report.comparisons.len(), report.comparisons.iter().filter(|c| !c.holds()).count());
         match (total, failed) {
