@@ -61,7 +61,7 @@ impl PolicySource {
 impl fmt::Display for PolicySource {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
-            PolicySource::Builtin => write!(f, "built-in"),
+            PolicySource::Builtin => write!(f, "builtin"),
             PolicySource::Untrained(seed) => write!(f, "untrained (seed {seed})"),
             PolicySource::File(path) => write!(f, "{}", path.display()),
         }

@@ -31,6 +31,14 @@ impl Error {
         }
     }
 
+    /// The file at `path`, which the user has named, cannot be opened: typed wrong if it is not there.
+    pub fn open(path: &Path, source: std::io::Error) -> Error {
+        match source.kind() {
+            std::io::ErrorKind::NotFound => Error::Usage(format!("there is no file {}", path.display())),
+            _ => Error::io("open", path, source),
+        }
+    }
+
     /// A failure while doing `what` to the file at `path`.
     pub fn io(what: &str, path: &Path, source: impl std::fmt::Display) -> Error {
         Error::Failed(format!("cannot {what} {}: {source}", path.display()))

@@ -10,7 +10,8 @@ use tempfile::NamedTempFile;
 use crate::error::{Error, Result};
 
 /// A file that is written beside its path and renamed when complete. Dropped before that, it leaves
-/// nothing, and an older file at the path stays as it was.
+/// nothing, and an older file at the path stays as it was. (A process that is killed leaves the part it
+/// has written, under a name that begins with `.vamaro-swarm-`.)
 #[derive(Debug)]
 pub struct AtomicFile {
     writer: BufWriter<NamedTempFile>,
@@ -18,21 +19,28 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Starts a file that will be at `path`. Fails early if the folder cannot be written.
+    /// Starts a file that will be at `path`, or where a link at `path` leads. Fails early if the folder
+    /// cannot be written, or if there is something that a file must not replace.
     pub fn create(path: &Path) -> Result<AtomicFile> {
+        let path = &path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let folder = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        if path.is_dir() {
-            return Err(Error::io("write", path, "it is a folder"));
+        match path.symlink_metadata() {
+            Ok(there) if there.is_dir() => return Err(Error::io("write", path, "it is a folder")),
+            Ok(there) if !there.is_file() => {
+                return Err(Error::io("write", path, "it is a device, pipe, socket or broken link"));
+            }
+            _ => {}
         }
         let file = tempfile::Builder::new()
             .prefix(".vamaro-swarm-")
             // What the user's umask leaves of it.
             .permissions(Permissions::from_mode(0o666))
             .tempfile_in(folder)
-            .map_err(|e| Error::io("write", path, e))?;
+            // The words alone: the name of the temporary file is of no use to anybody.
+            .map_err(|e| Error::io("write", path, e.kind()))?;
         Ok(AtomicFile { writer: BufWriter::new(file), path: path.to_owned() })
     }
 
@@ -78,6 +86,23 @@ mod tests {
         file.commit().unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn links_are_followed_and_what_is_no_file_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::write(at("file"), "old").unwrap();
+        std::os::unix::fs::symlink(at("file"), at("link")).unwrap();
+        let mut file = AtomicFile::create(&at("link")).unwrap();
+        file.write_all(b"new").unwrap();
+        file.commit().unwrap();
+        assert!(at("link").is_symlink());
+        assert_eq!(std::fs::read_to_string(at("file")).unwrap(), "new");
+        let _socket = std::os::unix::net::UnixListener::bind(at("socket")).unwrap();
+        assert!(AtomicFile::create(&at("socket")).is_err());
+        std::os::unix::fs::symlink(at("nowhere"), at("broken")).unwrap();
+        assert!(AtomicFile::create(&at("broken")).is_err());
     }
 
     #[test]

@@ -11,7 +11,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::file::AtomicFile;
-use crate::usage;
 use crate::world::World;
 
 /// A file of recorded episodes.
@@ -47,6 +46,21 @@ pub struct Header {
     /// Seed of all draws (traces of this program).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
+    /// Whether the most probable actions were taken, not sampled ones (traces of this program).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub greedy: Option<bool>,
+    /// Mode of the links (traces of this program).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub links: Option<String>,
+    /// The communication matrix, where it is fixed (traces of this program).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<Vec<Vec<f64>>>,
+    /// Whether everything was delivered at t = 0 (traces of this program).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub comm_at_t0: Option<bool>,
+    /// Version of the program that wrote it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub version: Option<String>,
 }
 
 /// One episode: T steps, T + 1 states.
@@ -92,7 +106,7 @@ pub struct Episode {
 impl Recording {
     /// Reads a recording or a trace.
     pub fn read(path: &Path) -> Result<Recording> {
-        let text = std::fs::read(path).map_err(|e| usage!("cannot read {}: {e}", path.display()))?;
+        let text = std::fs::read(path).map_err(|e| Error::open(path, e))?;
         let recording: Recording = serde_json::from_slice(&text)
             .map_err(|e| Error::io("read", path, format!("it is not a recording or trace: {e}")))?;
         recording.check().map_err(|what| Error::io("read", path, what))?;

@@ -30,10 +30,8 @@ pub struct SwarmDirectory {
 impl SwarmDirectory {
     /// Cleans up after dead swarms and makes a directory for a new one.
     pub fn create() -> Result<SwarmDirectory> {
+        make_base()?;
         let base = base_directory();
-        if let Err(e) = fs::DirBuilder::new().mode(0o700).recursive(true).create(&base) {
-            return Err(Error::io("create the directory", &base, e));
-        }
         let _base_lock = lock_base(&base)?;
         for leftover in dead_swarms()? {
             leftover.remove();
@@ -89,6 +87,15 @@ pub fn leftovers() -> Result<Vec<Leftover>> {
     dead_swarms()
 }
 
+/// An error if a swarm could not put its files where they belong.
+pub fn check_writable() -> Result<()> {
+    make_base()?;
+    for folder in [Path::new(SHARED_MEMORY), &base_directory()] {
+        tempfile::tempfile_in(folder).map_err(|e| Error::io("write to", folder, e.kind()))?;
+    }
+    Ok(())
+}
+
 /// Free and total bytes of shared memory.
 pub fn shared_memory_free() -> Result<(u64, u64)> {
     let path = Path::new(SHARED_MEMORY);
@@ -100,6 +107,12 @@ pub fn shared_memory_free() -> Result<(u64, u64)> {
 fn base_directory() -> PathBuf {
     // Not the configurable temporary directory: a socket's path may have no more than 107 bytes.
     PathBuf::from(format!("/tmp/vamaro-swarm-{}", rustix::process::geteuid().as_raw()))
+}
+
+fn make_base() -> Result<()> {
+    let base = base_directory();
+    let made = fs::DirBuilder::new().mode(0o700).recursive(true).create(&base);
+    made.map_err(|e| Error::io("create the directory", &base, e))
 }
 
 pub(super) fn root_of(tag: &str) -> PathBuf {

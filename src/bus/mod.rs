@@ -17,10 +17,10 @@ mod services;
 mod shared;
 mod wait;
 
-pub use directory::{Leftover, SwarmDirectory, leftovers, shared_memory_free};
+pub use directory::{Leftover, SwarmDirectory, check_writable, leftovers, shared_memory_free};
 pub use local::{LocalHub, LocalPort, LocalSample};
 pub use message::{Decision, Header, Kind, Layout, PROTOCOL, Sensor};
-pub use services::{SwarmAddress, shared_memory_needed};
+pub use services::{SwarmAddress, open_files_needed, shared_memory_needed};
 pub use shared::{AgentSharedPort, SharedSample, SupervisorPort};
 pub use wait::{Wait, wait_until};
 

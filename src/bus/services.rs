@@ -187,6 +187,11 @@ pub fn shared_memory_needed(agents: usize, worlds: usize, layout: &Layout) -> u6
     (payloads + connections * 8 * 1024 + (agents + 1) * 64 * 1024) as u64
 }
 
+/// How many files a process of a swarm may have open (measured: 800 in the supervisor of 64 agents).
+pub fn open_files_needed(agents: usize) -> u64 {
+    64 + 14 * agents as u64
+}
+
 fn service_name(name: &str) -> Result<ServiceName> {
     name.try_into().map_err(bus_error("name a service"))
 }

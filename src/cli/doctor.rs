@@ -5,9 +5,10 @@ use rustix::process::{Resource, getrlimit};
 
 use super::print;
 use crate::agents::AgentSettings;
-use crate::bus::{leftovers, shared_memory_free, shared_memory_needed};
+use crate::bus::{check_writable, leftovers, open_files_needed, shared_memory_free, shared_memory_needed};
 use crate::error::Result;
 use crate::failed;
+use crate::rng::MAX_AGENTS;
 use crate::world::Task;
 
 /// Tell whether this machine is ready, and clean up after dead swarms
@@ -18,13 +19,11 @@ pub struct Doctor {
     clean: bool,
 }
 
-/// Open files that a team of 64 needs: its connections.
-const OPEN_FILES: u64 = 1024;
-
 impl Doctor {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let findings = [cores(), shared_memory()?, open_files(), processes(), self.dead_swarms()?];
+        let findings =
+            [cores(), shared_memory()?, writable(), open_files(), processes(), self.dead_swarms()?];
         let text: String = findings.iter().map(|f| format!("{:<8}{}\n", f.mark(), f.words)).collect();
         print(&text)?;
         match findings.iter().filter(|finding| finding.health == Health::Bad).count() {
@@ -36,7 +35,8 @@ impl Doctor {
     fn dead_swarms(&self) -> Result<Finding> {
         let dead = leftovers()?;
         let mib = dead.iter().map(|swarm| swarm.bytes).sum::<u64>() as f64 / f64::from(1 << 20);
-        let found = format!("{} dead swarms, {mib:.1} MiB of shared memory", dead.len());
+        let swarms = if dead.len() == 1 { "swarm" } else { "swarms" };
+        let found = format!("{} dead {swarms}, {mib:.1} MiB of shared memory", dead.len());
         if dead.is_empty() {
             return Ok(Finding::good("nothing is left of dead swarms"));
         }
@@ -86,7 +86,7 @@ fn cores() -> Finding {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     match cores {
         1 => Finding::fair("1 core: every wake-up is a context switch, and --wait spin will crawl"),
-        _ => Finding::good(format!("{cores} cores: --wait spin suits teams of up to {} agents", cores - 1)),
+        _ => Finding::good(format!("{cores} cores; --wait spin wants one for each agent and the supervisor")),
     }
 }
 
@@ -94,9 +94,9 @@ fn shared_memory() -> Result<Finding> {
     let (free, total) = shared_memory_free()?;
     let layout = AgentSettings::for_task(&Task::parse("spread-xy-4")?).layout()?;
     let needed = shared_memory_needed(4, 10, &layout);
-    let mib = |bytes: u64| bytes >> 20;
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     let words = format!(
-        "/dev/shm has {} MiB free of {} MiB; 4 agents in 10 worlds take about {} MiB",
+        "/dev/shm has {:.1} MiB free of {:.1} MiB; 4 agents with 10 worlds take up to {:.1} MiB",
         mib(free),
         mib(total),
         mib(needed)
@@ -104,10 +104,19 @@ fn shared_memory() -> Result<Finding> {
     Ok(if free < needed { Finding::bad(words) } else { Finding::good(words) })
 }
 
+fn writable() -> Finding {
+    match check_writable() {
+        Ok(()) => Finding::good("swarms can write where their files belong"),
+        Err(e) => Finding::bad(e.to_string()),
+    }
+}
+
 fn open_files() -> Finding {
-    match getrlimit(Resource::Nofile).current {
-        Some(limit) if limit < OPEN_FILES => Finding::fair(format!(
-            "{limit} open files a process: too few for the largest teams, `ulimit -n {OPEN_FILES}` allows them"
+    let needed = open_files_needed(MAX_AGENTS);
+    // A swarm raises the soft limit itself.
+    match getrlimit(Resource::Nofile).maximum {
+        Some(limit) if limit < needed => Finding::fair(format!(
+            "{limit} open files a process: too few for the largest teams, which need {needed}"
         )),
         limit => Finding::good(format!("{} open files a process", words(limit))),
     }

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{print, table};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::nn::PolicyFile;
 use crate::recording::Recording;
+use crate::stats::mean;
 use crate::usage;
 
 /// Say what a policy, trace or recording holds
@@ -20,6 +21,9 @@ pub struct Inspect {
 impl Inspect {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        if let Err(e) = self.file.metadata() {
+            return Err(Error::open(&self.file, e));
+        }
         let extension = self.file.extension().and_then(|e| e.to_str());
         match extension {
             Some("safetensors") => inspect_policy(&self.file),
@@ -65,28 +69,38 @@ fn inspect_policy(path: &Path) -> Result<()> {
 fn inspect_recording(path: &Path) -> Result<()> {
     let recording = Recording::read(path)?;
     let header = &recording.header;
-    let rows = recording.episodes.iter().enumerate().map(|(number, episode)| {
+    let returns: Vec<f64> = recording.episodes.iter().map(|episode| episode.episode_return).collect();
+    let rows = recording.episodes.iter().enumerate().take(MOST_ROWS).map(|(number, episode)| {
         vec![
             episode.episode.unwrap_or(number as u64).to_string(),
-            episode.p.map_or("-".to_owned(), |p| p.to_string()),
+            episode.p.map_or("-".to_owned(), |p| format!("{p:.3}")),
             format!("{:.2}", episode.episode_return),
             delivered_share(&episode.delivered),
         ]
     });
     let rows = table(&["episode", "p", "return", "delivered"], rows);
+    let more = match returns.len() {
+        0..=MOST_ROWS => String::new(),
+        all => format!("and {} more\n", all - MOST_ROWS),
+    };
     let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "not said".to_owned());
     print(&format!(
-        "{} of {}\nagents      {}\nepisodes    {} of {} steps\nactor       {}\nimputer     {}\npolicy      {}\n\n{rows}",
+        "{} of {}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
+         policy      {}\n\n{rows}{more}",
         if recording.is_trace() { "trace" } else { "recording" },
         header.task,
         header.n_agents,
         recording.episodes.len(),
         header.episode_steps,
+        mean(&returns),
         named(&header.actor),
         named(&header.imputer),
         named(&header.policy)
     ))
 }
+
+/// Episodes that are listed one by one.
+const MOST_ROWS: usize = 20;
 
 /// Over i != j and t >= 1.
 fn delivered_share(delivered: &[Vec<Vec<u8>>]) -> String {

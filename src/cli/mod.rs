@@ -75,7 +75,7 @@ impl Cli {
             Command::Doctor(command) => command.run(),
             Command::Completions { shell } => {
                 let mut script = Vec::new();
-                clap_complete::generate(shell, &mut Cli::command(), "vamaro-swarm", &mut script);
+                clap_complete::generate(shell, &mut visible_commands(), "vamaro-swarm", &mut script);
                 print(&String::from_utf8_lossy(&script))
             }
             Command::Agent { settings } => {
@@ -85,6 +85,13 @@ impl Cli {
             }
         }
     }
+}
+
+/// The command line without what is not for it.
+fn visible_commands() -> clap::Command {
+    let all = Cli::command();
+    let visible = all.get_subcommands().filter(|command| !command.is_hide_set()).cloned();
+    clap::Command::new("vamaro-swarm").args(all.get_arguments()).subcommands(visible)
 }
 
 /// Writes to stdout. A reader that has heard enough (`| head`) is not an error.

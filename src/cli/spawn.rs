@@ -7,14 +7,14 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::summary::Summary;
-use super::{policy_source, print};
+use super::{policy_source, print, print_json};
 use crate::agents::{AgentSettings, ImputerName, PolicySource};
 use crate::bus::Wait;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::link::{CommunicationMatrix, LinkModel, Links};
 use crate::nn::Policy;
 use crate::recording::{Header, Recorder};
-use crate::supervisor::{InProcess, Processes, Session, Statistics, Team, signals};
+use crate::supervisor::{Audit, InProcess, Processes, Session, Statistics, Team, signals};
 use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
 
@@ -27,15 +27,17 @@ pub struct Spawn {
     task: Option<String>,
 
     /// Size of the team; alone, it picks the task of that size
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     agents: Option<usize>,
 
     /// Probability that an observation is delivered [default: 1]
-    #[arg(long, value_name = "P", value_parser = probability, conflicts_with_all = ["drop", "links"])]
+    #[arg(long, value_name = "P", value_parser = probability, allow_negative_numbers = true,
+        conflicts_with_all = ["drop", "links"])]
     p: Option<f64>,
 
     /// Probability that an observation is lost: 1 - p
-    #[arg(long, value_name = "D", value_parser = probability, conflicts_with = "links")]
+    #[arg(long, value_name = "D", value_parser = probability, allow_negative_numbers = true,
+        conflicts_with = "links")]
     drop: Option<f64>,
 
     /// Links that differ: uniform (one p per episode), asymmetric (a matrix per episode), dynamic (a
@@ -69,7 +71,7 @@ pub struct Spawn {
     worlds: u32,
 
     /// Seed of every random draw
-    #[arg(long, value_name = "S", default_value_t = 0)]
+    #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
 
     /// Run the same agents without processes; same results, bit for bit
@@ -110,47 +112,51 @@ impl Spawn {
         let source = policy_source(&self.policy, self.seed)?;
         let policy = source.load(&task)?;
         let settings = self.settings(&task, source, &policy)?;
-        let recorder =
-            self.record.as_deref().map(|path| self.start_recording(path, &task, &settings, &policy));
-        let recorder = recorder.transpose()?;
-
-        let mut summary = Summary::new(&task, &links, &settings, &policy, self.in_process, self.episodes);
-        if !self.json {
-            print(&summary.first_line())?;
-        }
-        let model = LinkModel::new(links, self.seed, !self.no_comm_at_t0);
-        let (statistics, audit) = if self.in_process {
-            self.play(&mut InProcess::new(&settings)?, &task, model, &settings, recorder)?
-        } else {
-            self.play(
-                &mut Processes::start(&settings, &policy, self.wait)?,
-                &task,
-                model,
-                &settings,
-                recorder,
-            )?
+        let recorder = match &self.record {
+            Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
+            None => None,
         };
-        summary.set_results(statistics, audit);
-        if self.json {
-            super::print_json(&summary.json())?
+        let summary = Summary {
+            task: &task,
+            links: &links,
+            comm_at_t0: !self.no_comm_at_t0,
+            settings: &settings,
+            policy: policy.meta(),
+            wait: (!self.in_process).then_some(self.wait),
+            episodes: self.episodes,
+        };
+        let (statistics, audit) = if self.in_process {
+            self.play(&mut InProcess::new(&settings)?, &summary, recorder)?
         } else {
-            print(&summary.text())?
+            self.play(&mut Processes::start(&settings, &policy, self.wait)?, &summary, recorder)?
+        };
+        if self.json {
+            print_json(&summary.json(&statistics, audit.as_ref()))?;
+        } else {
+            print(&summary.text(&statistics, audit.as_ref()))?;
         }
+        let played = statistics.episodes().len() as u64;
         match audit {
             Some(audit) if !audit.holds() => Err(failed!("the audit found what must not be: {audit}")),
+            _ if played < self.episodes => {
+                Err(Error::Interrupted(format!("interrupted after {played} of {} episodes", self.episodes)))
+            }
             _ => Ok(()),
         }
     }
 
+    /// Plays all episodes, or those before an interruption.
     fn play(
         &self,
         team: &mut impl Team,
-        task: &Task,
-        links: LinkModel,
-        settings: &AgentSettings,
+        summary: &Summary,
         recorder: Option<Recorder>,
-    ) -> Result<(Statistics, Option<crate::supervisor::Audit>)> {
-        let mut session = Session::new(task, links, self.seed, settings.worlds);
+    ) -> Result<(Statistics, Option<Audit>)> {
+        if !self.json {
+            print(&summary.first_line())?;
+        }
+        let links = LinkModel::new(summary.links.clone(), self.seed, summary.comm_at_t0);
+        let mut session = Session::new(summary.task, links, self.seed, summary.settings.worlds);
         if self.audit {
             session = session.with_audit();
         }
@@ -158,18 +164,19 @@ impl Spawn {
             session = session.with_recorder(recorder);
         }
         let bar = progress_bar(self.episodes);
-        session.play(team, self.episodes, |statistics| {
+        let played = session.play(team, self.episodes, |statistics| {
+            bar.set_message(progress_words(statistics));
             bar.set_position(statistics.episodes().len() as u64);
-            bar.set_message(format!(
-                "return {:.1}{}",
-                statistics.return_mean(),
-                statistics
-                    .delivery_rate()
-                    .map_or(String::new(), |r| format!(", {:.1} % delivered", 100.0 * r))
-            ));
-        })?;
+        });
         bar.finish_and_clear();
-        session.finish()
+        match played {
+            Ok(()) => session.finish(),
+            // What is finished is worth reporting; half a recording or audit is not.
+            Err(Error::Interrupted(_)) if !session.statistics().episodes().is_empty() => {
+                Ok((session.statistics().clone(), None))
+            }
+            Err(e) => Err(e),
+        }
     }
 
     fn find_task(&self) -> Result<Task> {
@@ -229,10 +236,11 @@ impl Spawn {
     fn start_recording(
         &self,
         path: &Path,
-        task: &Task,
+        links: &Links,
         settings: &AgentSettings,
         policy: &Policy,
     ) -> Result<Recorder> {
+        let task = settings.task()?;
         let header = Header {
             task: task.id().to_owned(),
             n_agents: task.n_agents(),
@@ -242,6 +250,11 @@ impl Spawn {
             imputer: Some(settings.imputer.to_string()),
             policy: Some(settings.policy.to_string()),
             seed: Some(self.seed),
+            greedy: Some(self.greedy),
+            links: Some(links.name().to_owned()),
+            matrix: links.matrix(),
+            comm_at_t0: Some(!self.no_comm_at_t0),
+            version: Some(env!("CARGO_PKG_VERSION").to_owned()),
         };
         Recorder::create(path, &header)
     }
@@ -252,14 +265,18 @@ fn progress_bar(episodes: u64) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} episodes, {msg}, {eta} left");
+    let style = ProgressStyle::with_template("{bar:20} {pos}/{len} episodes{msg}, {eta} left");
     ProgressBar::new(episodes).with_style(style.expect("the template is valid"))
+}
+
+fn progress_words(statistics: &Statistics) -> String {
+    let delivered = statistics.delivery_rate().map(|rate| format!(", {:.1} % delivered", 100.0 * rate));
+    format!(", return {:.1}{}", statistics.return_mean(), delivered.unwrap_or_default())
 }
 
 fn probability(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
-        Ok(_) => Err("a probability is between 0 and 1".to_owned()),
-        Err(e) => Err(e.to_string()),
+        _ => Err("expected a probability between 0 and 1, such as 0.2".to_owned()),
     }
 }

@@ -3,65 +3,44 @@
 use serde_json::{Value, json};
 
 use crate::agents::{AgentSettings, PolicySource};
+use crate::bus::Wait;
 use crate::link::Links;
-use crate::nn::Policy;
+use crate::nn::Meta;
 use crate::supervisor::{Audit, Statistics};
 use crate::world::Task;
 
-/// What was asked for and what came of it.
-pub(super) struct Summary {
-    task: Task,
-    links: Links,
-    settings: AgentSettings,
-    origin: String,
-    steps: u64,
-    in_process: bool,
-    episodes: u64,
-    statistics: Statistics,
-    audit: Option<Audit>,
+/// What was asked for. With what came of it, it makes a summary.
+pub(super) struct Summary<'a> {
+    pub(super) task: &'a Task,
+    pub(super) links: &'a Links,
+    pub(super) comm_at_t0: bool,
+    pub(super) settings: &'a AgentSettings,
+    pub(super) policy: &'a Meta,
+    /// `None` in-process, where nobody waits.
+    pub(super) wait: Option<Wait>,
+    pub(super) episodes: u64,
 }
 
-impl Summary {
-    pub(super) fn new(
-        task: &Task,
-        links: &Links,
-        settings: &AgentSettings,
-        policy: &Policy,
-        in_process: bool,
-        episodes: u64,
-    ) -> Summary {
-        Summary {
-            task: task.clone(),
-            links: links.clone(),
-            settings: settings.clone(),
-            origin: policy.meta().origin.clone(),
-            steps: policy.meta().steps,
-            in_process,
-            episodes,
-            statistics: Statistics::default(),
-            audit: None,
-        }
-    }
-
-    pub(super) fn set_results(&mut self, statistics: Statistics, audit: Option<Audit>) {
-        (self.statistics, self.audit) = (statistics, audit);
-    }
-
-    /// Says what is about to run; both p and the drop probability, which are so easily confused.
+impl Summary<'_> {
+    /// Says what runs; both p and the drop probability, which are so easily confused.
     pub(super) fn first_line(&self) -> String {
-        let agents = self.task.n_agents();
+        let place = match (self.wait, self.task.n_agents()) {
+            (None, _) => "in-process",
+            (_, 1) => "as a process",
+            _ => "as processes",
+        };
         format!(
-            "{}: {agents} {}{}, {}, {} episodes\n",
+            "{}: {} {place}, {}{}, {}\n",
             self.task.id(),
-            if agents == 1 { "agent" } else { "agents" },
-            if self.in_process { " in-process" } else { " as processes" },
+            counted(self.task.n_agents() as u64, "agent"),
             self.link_words(),
-            self.episodes
+            if self.comm_at_t0 { "" } else { " also at t = 0" },
+            counted(self.episodes, "episode")
         )
     }
 
     fn link_words(&self) -> String {
-        match &self.links {
+        match self.links {
             Links::Level(p) => {
                 format!("p = {} (probability of delivery), drop = {}", short(*p), short(1.0 - p))
             }
@@ -72,20 +51,17 @@ impl Summary {
         }
     }
 
-    pub(super) fn text(&self) -> String {
-        let Summary { settings, statistics, .. } = self;
-        let interval = statistics.return_ci95().map_or(String::new(), |ci| format!(" +- {ci:.1}"));
+    /// The rest, for people.
+    pub(super) fn text(&self, statistics: &Statistics, audit: Option<&Audit>) -> String {
+        let actions = if self.settings.greedy { "greedy" } else { "sampled" };
+        let returned = match statistics.return_ci95() {
+            Some(ci) => format!("{:.1} +- {ci:.1} (mean, 95 % interval)", statistics.return_mean()),
+            None => format!("{:.1} (one episode)", statistics.return_mean()),
+        };
         let mut lines = vec![
             ("policy", self.policy_words()),
-            (
-                "imputer",
-                format!(
-                    "{}, actions {}",
-                    settings.imputer,
-                    if settings.greedy { "greedy" } else { "sampled" }
-                ),
-            ),
-            ("return", format!("{:.1}{interval} (mean, 95 % interval)", statistics.return_mean())),
+            ("imputer", format!("{}, actions {actions}", self.settings.imputer)),
+            ("return", returned),
         ];
         if let Some(rate) = statistics.delivery_rate() {
             lines.push(("delivered", format!("{:.2} % of the observations sent at t >= 1", 100.0 * rate)));
@@ -93,53 +69,49 @@ impl Summary {
             let error = error.map_or("nothing was imputed".to_owned(), |rmse| format!("{rmse:.4} RMSE"));
             lines.push(("imputation", error));
         }
-        let us = |quantile| statistics.tick_time(quantile).as_secs_f64() * 1e6;
-        let seconds = statistics.elapsed().as_secs_f64();
-        lines.push((
-            "tick",
-            format!(
-                "p50 {:.0} us, p99 {:.0} us; {:.0} ticks/s over {:.2} s, {} {} a tick",
-                us(0.5),
-                us(0.99),
-                statistics.ticks() as f64 / seconds,
-                seconds,
-                settings.worlds,
-                if settings.worlds == 1 { "world" } else { "worlds" }
-            ),
-        ));
-        lines.extend(self.audit.map(|audit| ("audit", audit.to_string())));
+        lines.push(("tick", self.tick_words(statistics)));
+        lines.extend(audit.map(|audit| ("audit", audit.to_string())));
         lines.into_iter().map(|(name, words)| format!("{name:<12}{words}\n")).collect()
     }
 
     fn policy_words(&self) -> String {
         match &self.settings.policy {
             PolicySource::Untrained(_) => self.settings.policy.to_string(),
-            source => format!("{source}: {}, {} M env steps", self.origin, self.steps as f64 / 1e6),
+            source => {
+                format!("{source}: {}, {} M env steps", self.policy.origin, self.policy.steps as f64 / 1e6)
+            }
         }
     }
 
+    fn tick_words(&self, statistics: &Statistics) -> String {
+        let seconds = statistics.elapsed().as_secs_f64();
+        format!(
+            "p50 {:.0} us, p99 {:.0} us; {:.0} ticks/s over {seconds:.2} s, {} a tick",
+            tick_us(statistics, 0.5),
+            tick_us(statistics, 0.99),
+            statistics.ticks() as f64 / seconds,
+            counted(self.settings.worlds as u64, "world")
+        )
+    }
+
     /// The same for programs, see `docs/formats.md`.
-    pub(super) fn json(&self) -> Value {
-        let Summary { task, settings, statistics, .. } = self;
-        let (p, mode) = match &self.links {
-            Links::Level(p) => (Some(*p), "level"),
-            Links::Matrix(_) => (None, "matrix"),
-            Links::Uniform => (None, "uniform"),
-            Links::Asymmetric => (None, "asymmetric"),
-            Links::Dynamic => (None, "dynamic"),
-        };
-        let us = |quantile| statistics.tick_time(quantile).as_secs_f64() * 1e6;
+    pub(super) fn json(&self, statistics: &Statistics, audit: Option<&Audit>) -> Value {
+        let Summary { task, settings, .. } = self;
+        let p = if let Links::Level(p) = self.links { Some(*p) } else { None };
         json!({
             "version": env!("CARGO_PKG_VERSION"),
             "task": task.id(),
             "agents": task.n_agents(),
-            "in_process": self.in_process,
-            "links": mode,
+            "in_process": self.wait.is_none(),
+            "wait": self.wait,
+            "links": self.links.name(),
             "p": p,
-            "drop": p.map(|p| 1.0 - p),
+            "drop": p.map(|p| short(1.0 - p)),
+            "matrix": self.links.matrix(),
+            "comm_at_t0": self.comm_at_t0,
             "policy": settings.policy.to_string(),
-            "policy_origin": self.origin,
-            "policy_steps": self.steps,
+            "policy_origin": self.policy.origin,
+            "policy_steps": self.policy.steps,
             "imputer": settings.imputer.to_string(),
             "greedy": settings.greedy,
             "seed": settings.seed,
@@ -150,15 +122,24 @@ impl Summary {
             "delivery_rate": statistics.delivery_rate(),
             "imputation_rmse": statistics.imputation_rmse(),
             "ticks": statistics.ticks(),
-            "tick_p50_us": us(0.5),
-            "tick_p99_us": us(0.99),
+            "tick_p50_us": tick_us(statistics, 0.5),
+            "tick_p99_us": tick_us(statistics, 0.99),
             "elapsed_s": statistics.elapsed().as_secs_f64(),
-            "audit": self.audit,
+            "audit": audit,
         })
     }
+}
+
+/// A quantile of the tick time in microseconds, to the nanosecond it is known to.
+fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
+    statistics.tick_time(quantile).as_nanos() as f64 / 1e3
 }
 
 /// A probability without the noise of 1 - 0.8.
 fn short(p: f64) -> f64 {
     (p * 1e12).round() / 1e12
+}
+
+fn counted(n: u64, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }

@@ -4,6 +4,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::{print, print_json, table};
+use crate::agents::BUILTIN;
 use crate::error::Result;
 use crate::world::Task;
 
@@ -22,7 +23,7 @@ impl Tasks {
         if self.json {
             return print_json(&tasks.iter().map(as_json).collect());
         }
-        let header = ["task", "also", "agents", "observation", "joint", "predicted"];
+        let header = ["task", "also", "agents", "observation", "joint", "predicted", "policy"];
         let rows = tasks.iter().map(|task| {
             vec![
                 task.id().to_owned(),
@@ -31,6 +32,7 @@ impl Tasks {
                 task.padded_obs_dim().to_string(),
                 task.joint_dim().to_string(),
                 task.predicted_dim().to_string(),
+                if has_policy(task) { "builtin" } else { "-" }.to_owned(),
             ]
         });
         // Teams of several sizes do the same.
@@ -46,6 +48,10 @@ impl Tasks {
     }
 }
 
+fn has_policy(task: &Task) -> bool {
+    BUILTIN.iter().any(|(id, _)| *id == task.id())
+}
+
 fn as_json(task: &Task) -> serde_json::Value {
     json!({
         "task": task.id(),
@@ -55,6 +61,7 @@ fn as_json(task: &Task) -> serde_json::Value {
         "observation_dim": task.padded_obs_dim(),
         "joint_dim": task.joint_dim(),
         "predicted_dim": task.predicted_dim(),
+        "builtin_policy": has_policy(task),
         "summary": task.summary(),
     })
 }

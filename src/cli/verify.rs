@@ -33,7 +33,8 @@ impl Verify {
         let policy = self.policy.as_deref().map(|name| policy_source(name, 0)).transpose()?;
         let report = verify(&self.paths, policy.as_ref())?;
         let rows = report.comparisons.iter().map(|comparison| {
-            let Comparison { file, what, values, deviation, tolerance } = comparison;
+            let Comparison { file, what, values, deviation, tolerance, worst } = comparison;
+            let place = worst.filter(|_| !comparison.holds());
             vec![
                 if comparison.holds() { "ok" } else { "FAIL" }.to_owned(),
                 file.display().to_string(),
@@ -41,12 +42,16 @@ impl Verify {
                 values.to_string(),
                 format!("{deviation:.1e}"),
                 format!("{tolerance:.0e}"),
+                place.map_or(String::new(), |(episode, step)| {
+                    format!("worst in episode {episode}, step {step}")
+                }),
             ]
         });
-        let rows = table(&["", "file", "compared", "values", "deviation", "tolerance"], rows);
+        let rows = table(&["", "file", "compared", "values", "deviation", "tolerance", ""], rows);
         let skipped = report.skipped.iter();
         let skipped: String =
             skipped.map(|(file, what)| format!("skipped {}: {what}\n", file.display())).collect();
+        let rows = if report.comparisons.is_empty() { String::new() } else { rows };
         print(&format!("{rows}{skipped}"))?;
         let (total, failed) =
             (report.comparisons.len(), report.comparisons.iter().filter(|c| !c.holds()).count());

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::usage;
 
 /// The communication matrix C: `p(i, j)` is the probability that agent i receives agent j.
@@ -19,10 +19,14 @@ impl CommunicationMatrix {
         self.p[receiver * self.agents + sender]
     }
 
+    /// The rows, one per receiver.
+    pub fn rows(&self) -> impl Iterator<Item = &[f64]> {
+        self.p.chunks_exact(self.agents)
+    }
+
     /// Reads a matrix for a team of `agents` from a file, see [`CommunicationMatrix::parse`].
     pub fn read(path: &Path, agents: usize) -> Result<CommunicationMatrix> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| usage!("cannot read the communication matrix {}: {e}", path.display()))?;
+        let text = std::fs::read_to_string(path).map_err(|e| Error::open(path, e))?;
         CommunicationMatrix::parse(&text, agents)
             .map_err(|e| usage!("communication matrix {}: {e}", path.display()))
     }
@@ -30,7 +34,11 @@ impl CommunicationMatrix {
     /// Parses one line per receiver, one number per sender, separated by blanks or commas; `#` starts
     /// a comment. The diagonal is 1: an agent always has its own observation.
     pub fn parse(text: &str, agents: usize) -> Result<CommunicationMatrix> {
-        let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default().trim());
+        // Editors on some systems begin a file with a byte order mark.
+        let lines = text
+            .trim_start_matches('\u{feff}')
+            .lines()
+            .map(|line| line.split('#').next().unwrap_or_default().trim());
         let rows: Vec<&str> = lines.filter(|line| !line.is_empty()).collect();
         if rows.len() != agents {
             return Err(usage!("{agents} agents need {agents} rows of {agents}, found {} rows", rows.len()));
@@ -68,7 +76,7 @@ mod tests {
 
     #[test]
     fn blanks_commas_and_comments_are_read() {
-        let text = "# who hears whom\n1, 0.5\n\n0.25 1 # second row\n";
+        let text = "\u{feff}# who hears whom\n1, 0.5\n\n0.25 1 # second row\n";
         let matrix = CommunicationMatrix::parse(text, 2).unwrap();
         assert_eq!([matrix.p(0, 1), matrix.p(1, 0), matrix.p(1, 1)], [0.5, 0.25, 1.0]);
     }

@@ -28,6 +28,27 @@ pub enum Links {
     Dynamic,
 }
 
+impl Links {
+    /// The name of the mode.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Links::Level(_) => "level",
+            Links::Matrix(_) => "matrix",
+            Links::Uniform => "uniform",
+            Links::Asymmetric => "asymmetric",
+            Links::Dynamic => "dynamic",
+        }
+    }
+
+    /// The fixed matrix, row by row, where there is one.
+    pub fn matrix(&self) -> Option<Vec<Vec<f64>>> {
+        match self {
+            Links::Matrix(matrix) => Some(matrix.rows().map(<[f64]>::to_vec).collect()),
+            _ => None,
+        }
+    }
+}
+
 /// Decides which observations are delivered, by addressed draws.
 ///
 /// A link is up if and only if `U < p` with `U` drawn at (seed, episode, step, receiver, sender). The

@@ -86,7 +86,7 @@ impl FileTensor {
 
 /// The content of the file at `path`, not copied.
 pub(super) fn map(path: &Path) -> Result<Mmap> {
-    let about = std::fs::metadata(path).map_err(|error| usage!("cannot open {}: {error}", path.display()))?;
+    let about = std::fs::metadata(path).map_err(|error| Error::open(path, error))?;
     if !about.is_file() {
         return Err(usage!("{} is not a file; expected a policy file", path.display()));
     }

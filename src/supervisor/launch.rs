@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::agents::process::ProcessSettings;
 use crate::error::{Error, Result};
-use crate::failed;
+use crate::{failed, usage};
 
 /// This program, even if its file has been replaced since it started.
 const SELF: &str = "/proc/self/exe";
@@ -30,7 +30,9 @@ impl AgentProcess {
     /// Starts an agent.
     pub(super) fn start(settings: &ProcessSettings) -> Result<AgentProcess> {
         let index = settings.agent;
-        let json = serde_json::to_string(settings).expect("settings are plain data");
+        // Only a path can be no text.
+        let json = serde_json::to_string(settings)
+            .map_err(|_| usage!("the path of the policy is not UTF-8; move it to a folder whose name is"))?;
         let mut command = Command::new(SELF);
         // A group of its own: Ctrl-C reaches the supervisor alone, which takes the agents down in order.
         command.arg0("vamaro-swarm").args(["agent", &json]).process_group(0);

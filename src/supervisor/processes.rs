@@ -2,13 +2,15 @@
 
 use std::time::{Duration, Instant};
 
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+
 use super::launch::{AgentProcess, reap};
 use super::{Decisions, Team, Tick, signals};
 use crate::agents::process::ProcessSettings;
 use crate::agents::{AgentSettings, PolicySource};
 use crate::bus::{
     Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
-    shared_memory_free, shared_memory_needed, wait_until,
+    open_files_needed, shared_memory_free, shared_memory_needed, wait_until,
 };
 use crate::error::Result;
 use crate::failed;
@@ -41,6 +43,7 @@ impl Processes {
         let directory = SwarmDirectory::create()?;
         let settings = share_weights(settings, policy, &directory)?;
         check_shared_memory(team, settings.worlds, &layout)?;
+        allow_open_files(team)?;
         let address = SwarmAddress { tag: directory.tag().to_owned(), agents: team, worlds: settings.worlds };
         let mut swarm = Processes {
             agents: Vec::with_capacity(team),
@@ -210,13 +213,25 @@ fn check_shared_memory(agents: usize, worlds: usize, layout: &Layout) -> Result<
     if needed <= free {
         return Ok(());
     }
-    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     Err(failed!(
-        "shared memory is too small: {agents} agents in {worlds} worlds need about {} MiB, /dev/shm has {} MiB \
-         free of {} MiB; use fewer --worlds, see what `vamaro-swarm doctor` finds, or enlarge it \
+        "shared memory is too small: {agents} agents and {worlds} parallel worlds need up to {:.1} MiB, /dev/shm \
+         has {:.1} MiB free of {:.1} MiB; use fewer --worlds, see what `vamaro-swarm doctor` finds, or enlarge it \
          (mount -o remount,size=.. /dev/shm)",
         mib(needed),
         mib(free),
         mib(total)
     ))
+}
+
+/// Raises the soft limit on open files as far as the swarm needs; its agents inherit it.
+fn allow_open_files(agents: usize) -> Result<()> {
+    let (needed, limit) = (open_files_needed(agents), getrlimit(Resource::Nofile));
+    if limit.current.is_none_or(|current| current >= needed) {
+        return Ok(());
+    }
+    let raised = Rlimit { current: Some(needed), maximum: limit.maximum };
+    setrlimit(Resource::Nofile, raised).map_err(|_| {
+        failed!("{agents} agents need {needed} open files a process; allow them with `ulimit -n {needed}`")
+    })
 }

@@ -66,6 +66,11 @@ impl Session {
         Ok(())
     }
 
+    /// What was counted so far; of the return, deliveries and errors that is finished episodes.
+    pub fn statistics(&self) -> &Statistics {
+        &self.ledger.statistics
+    }
+
     /// Finishes the recording, if there is one, and hands out what was counted.
     pub fn finish(self) -> Result<(Statistics, Option<Audit>)> {
         let Ledger { statistics, audit, recorder, .. } = self.ledger;

@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use crate::agents::PolicySource;
 use crate::error::{Error, Result};
 use crate::recording::Recording;
-use crate::usage;
 
 /// What verification found.
 #[derive(Clone, Debug, Default)]
@@ -32,6 +31,8 @@ pub struct Comparison {
     pub deviation: f64,
     /// The largest deviation allowed.
     pub tolerance: f64,
+    /// Episode and step of the largest deviation, if there is one.
+    pub worst: Option<(usize, usize)>,
 }
 
 impl Comparison {
@@ -106,9 +107,9 @@ fn kind_of(file: &Path) -> Result<Kind> {
 /// The file itself, or the files below a folder that could be of ours, in order.
 fn files_below(path: &Path) -> Result<Vec<PathBuf>> {
     if !path.is_dir() {
-        return match path.exists() {
-            true => Ok(vec![path.to_owned()]),
-            false => Err(usage!("there is no file or folder {}", path.display())),
+        return match path.metadata() {
+            Ok(_) => Ok(vec![path.to_owned()]),
+            Err(e) => Err(Error::open(path, e)),
         };
     }
     let entries = std::fs::read_dir(path).map_err(|e| Error::io("read", path, e))?;
@@ -128,31 +129,54 @@ fn files_below(path: &Path) -> Result<Vec<PathBuf>> {
 
 /// Collects deviations of one kind.
 #[derive(Default)]
-struct Deviations(Vec<f64>);
+struct Deviations {
+    all: Vec<f64>,
+    largest: f64,
+    worst: Option<(usize, usize)>,
+    /// Episode and step that are being compared.
+    place: (usize, usize),
+}
 
 impl Deviations {
-    fn add(&mut self, found: impl Into<f64>, recorded: impl Into<f64>) {
-        self.0.push((found.into() - recorded.into()).abs());
+    /// Says which episode and step the next values are from.
+    fn at(&mut self, episode: usize, step: usize) -> &mut Deviations {
+        self.place = (episode, step);
+        self
     }
 
-    /// Notes values that cannot be compared because their numbers differ.
+    fn add(&mut self, found: impl Into<f64>, recorded: impl Into<f64>) {
+        self.push((found.into() - recorded.into()).abs());
+    }
+
+    /// Values whose numbers differ deviate infinitely.
     fn add_all<T: Into<f64> + Copy>(&mut self, found: &[T], recorded: &[T]) {
         if found.len() != recorded.len() {
-            self.0.push(f64::INFINITY);
+            self.push(f64::INFINITY);
         }
         found.iter().zip(recorded).for_each(|(found, recorded)| self.add(*found, *recorded));
     }
 
-    fn largest(&self, file: &Path, what: &'static str, tolerance: f64) -> Comparison {
+    fn push(&mut self, deviation: f64) {
         // Not `f64::max`, which passes over a NaN.
-        let deviation = self.0.iter().fold(0.0, |a: f64, &b| if b > a || b.is_nan() { b } else { a });
-        Comparison { file: file.to_owned(), what, values: self.0.len(), deviation, tolerance }
+        if deviation > self.largest || deviation.is_nan() {
+            (self.largest, self.worst) = (deviation, Some(self.place));
+        }
+        self.all.push(deviation);
+    }
+
+    fn largest(&self, file: &Path, what: &'static str, tolerance: f64) -> Comparison {
+        self.compared(file, what, self.largest, tolerance)
     }
 
     fn median(&self, file: &Path, what: &'static str, tolerance: f64) -> Comparison {
-        let mut sorted = self.0.clone();
+        let mut sorted = self.all.clone();
         sorted.sort_by(f64::total_cmp);
-        let deviation = sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN);
-        Comparison { file: file.to_owned(), what, values: self.0.len(), deviation, tolerance }
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN);
+        self.compared(file, what, median, tolerance)
+    }
+
+    fn compared(&self, file: &Path, what: &'static str, deviation: f64, tolerance: f64) -> Comparison {
+        let (file, values, worst) = (file.to_owned(), self.all.len(), self.worst);
+        Comparison { file, what, values, deviation, tolerance, worst }
     }
 }

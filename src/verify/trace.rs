@@ -33,7 +33,7 @@ pub(super) fn compare(
         for (number, episode) in recording.episodes.iter().enumerate() {
             check_lengths(episode, &task, index)
                 .map_err(|what| Error::io("verify", file, format!("episode {number}: {what}")))?;
-            replay(&mut agent, episode, &task, &mut estimates, &mut logits);
+            replay(&mut agent, number, episode, &task, &mut estimates, &mut logits);
         }
     }
     Ok(vec![
@@ -47,6 +47,7 @@ pub(super) fn compare(
 /// Runs one agent on what it saw and received, and compares what it thought.
 fn replay(
     agent: &mut Agent,
+    number: usize,
     episode: &Episode,
     task: &Task,
     estimates: &mut Deviations,
@@ -62,8 +63,8 @@ fn replay(
         });
         agent.fuse(0, &observations[index], &inbox);
         agent.act(0, step as u32, 1);
-        estimates.add_all(agent.estimates(), &episode.joint_estimate[step][index]);
-        logits.add_all(&agent.logits()[..available], &episode.logits[step][index]);
+        estimates.at(number, step).add_all(agent.estimates(), &episode.joint_estimate[step][index]);
+        logits.at(number, step).add_all(&agent.logits()[..available], &episode.logits[step][index]);
         agent.predict();
     }
 }
@@ -99,15 +100,17 @@ fn find_policy(
         let predictors = [(PREFERRED.to_owned(), predictor)];
         return import(&actors, &predictors, &dims(task), Meta::new(task.id(), 0));
     }
-    let named = [PolicySource::Builtin, PolicySource::Untrained(recording.header.seed.unwrap_or_default())]
-        .into_iter()
-        .find(|source| recording.header.policy.as_deref() == Some(&source.to_string()));
-    match named {
+    let header = &recording.header;
+    let name = header.policy.as_deref().unwrap_or_default();
+    let own = [PolicySource::Builtin, PolicySource::Untrained(header.seed.unwrap_or_default())];
+    let named = own.into_iter().find(|source| source.to_string() == name);
+    match named.or_else(|| Path::new(name).is_file().then(|| PolicySource::File(name.into()))) {
         Some(source) => source.load(task),
         None => Err(usage!(
-            "no policy for the trace {}: put policy.safetensors (or agent.th and network.th) beside it, or \
+            "no policy for the trace {}{}: put policy.safetensors (or agent.th and network.th) beside it, or \
              name one with --policy",
-            file.display()
+            file.display(),
+            if name.is_empty() { String::new() } else { format!(", which was recorded with {name}") }
         )),
     }
 }

@@ -7,7 +7,7 @@ use glam::DVec2;
 use super::{Comparison, Deviations};
 use crate::error::{Error, Result};
 use crate::recording::{Episode, Recording};
-use crate::world::{Task, World};
+use crate::world::{EPISODE_STEPS, Task, World};
 
 /// A single step from the recorded state.
 const STEP_TOLERANCE: f64 = 1e-12;
@@ -32,9 +32,9 @@ pub(super) fn compare(file: &Path, recording: &Recording) -> Result<Vec<Comparis
     let task = Task::parse(&recording.header.task)?;
     check_team(&task, recording).map_err(|what| Error::io("verify", file, what))?;
     let (mut world, mut found) = (World::new(&task), Found::default());
-    for episode in &recording.episodes {
-        compare_steps(episode, &task, &mut world, &mut found);
-        run_freely(episode, &mut world, &mut found);
+    for (number, episode) in recording.episodes.iter().enumerate() {
+        compare_steps(number, episode, &mut world, &mut found);
+        run_freely(number, episode, &mut world, &mut found);
     }
     Ok(vec![
         found.states.largest(file, "state after a step", STEP_TOLERANCE),
@@ -72,34 +72,34 @@ fn check_team(task: &Task, recording: &Recording) -> std::result::Result<(), Str
     }
 }
 
-fn compare_steps(episode: &Episode, task: &Task, world: &mut World, found: &mut Found) {
-    let mut observation = vec![0.0; task.padded_obs_dim()];
+fn compare_steps(number: usize, episode: &Episode, world: &mut World, found: &mut Found) {
+    let mut observation = vec![0.0; world.task().padded_obs_dim()];
     for (step, recorded) in episode.obs.iter().enumerate() {
         episode.restore(step, world);
         for (agent, recorded) in recorded.iter().enumerate() {
             world.observe(agent, &mut observation);
-            compare_observation(&observation, recorded, &mut found.observations);
+            compare_observation(&observation, recorded, found.observations.at(number, step));
         }
     }
     let mut total = 0.0;
     for (step, actions) in episode.actions.iter().enumerate() {
         episode.restore(step, world);
         world.step(actions);
-        compare_state(world, episode, step + 1, &mut found.states);
-        found.rewards.add(world.team_reward(), episode.team_reward[step]);
+        compare_state(world, episode, step + 1, found.states.at(number, step));
+        found.rewards.at(number, step).add(world.team_reward(), episode.team_reward[step]);
         if let Some(recorded) = episode.agent_reward.get(step) {
             found.rewards.add_all(world.agent_rewards(), recorded);
         }
         total += world.team_reward();
     }
-    found.returns.add(total, episode.episode_return);
+    found.returns.at(number, EPISODE_STEPS).add(total, episode.episode_return);
 }
 
-fn run_freely(episode: &Episode, world: &mut World, found: &mut Found) {
+fn run_freely(number: usize, episode: &Episode, world: &mut World, found: &mut Found) {
     episode.restore(0, world);
     for (step, actions) in episode.actions.iter().enumerate() {
         world.step(actions);
-        compare_state(world, episode, step + 1, &mut found.free_run);
+        compare_state(world, episode, step + 1, found.free_run.at(number, step));
     }
 }
 
@@ -118,7 +118,7 @@ fn compare_state(world: &World, episode: &Episode, step: usize, deviations: &mut
 /// A recorded observation may be without its padding, which is zero.
 fn compare_observation(found: &[f32], recorded: &[f32], deviations: &mut Deviations) {
     let padded = recorded.iter().copied().chain(std::iter::repeat(0.0));
-    found.iter().zip(padded).for_each(|(found, recorded)| deviations.0.push(ulps(*found, recorded)));
+    found.iter().zip(padded).for_each(|(found, recorded)| deviations.push(ulps(*found, recorded)));
 }
 
 /// How many f32 lie between two values; infinite if one is not a number.

@@ -51,10 +51,11 @@ impl Task {
             2 => Ok(Task::new(Family::HearSee, n)),
             4 | 8 => Ok(Task::new(Family::SpreadXy, n)),
             3 | 6 | 12 => Ok(Task::new(Family::SpreadBlindfold, n)),
-            _ => Err(usage!(
+            1..=MAX_AGENTS => Err(usage!(
                 "there is no default task for a team of {n}, only for 2, 3, 4, 6, 8 and 12 agents; \
-                 name one with `--task spread-blindfold-N`, N from 1 to {MAX_AGENTS}"
+                 name one, such as `--task spread-blindfold-{n}`"
             )),
+            _ => Err(usage!("a team has 1 to {MAX_AGENTS} agents, not {n}")),
         }
     }
 
