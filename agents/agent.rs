@@ -24,12 +24,10 @@ pub struct AgentSettings {
     pub seed: u64,
     /// The most parallel worlds.
     pub worlds: usize,
-    /// Whether decisions carry what they were based on.
-    pub report: bool,
 }
 
 impl AgentSettings {
-    /// Sampled actions of the built-in policy in one world, what is lost being held, with reports.
+    /// Sampled actions of the built-in policy in one world, what is lost being held.
     pub fn for_task(task: &Task) -> AgentSettings {
         AgentSettings {
             task: task.id().to_owned(),
@@ -38,7 +36,6 @@ impl AgentSettings {
             greedy: false,
             seed: 0,
             worlds: 1,
-            report: true,
         }
     }
 
@@ -50,12 +47,7 @@ impl AgentSettings {
     /// The layout of the team's messages.
     pub fn layout(&self) -> Result<Layout> {
         let task = self.task()?;
-        Ok(Layout {
-            observation: task.padded_obs_dim(),
-            joint: task.joint_dim(),
-            logits: N_ACTIONS,
-            report: self.report,
-        })
+        Ok(Layout { observation: task.padded_obs_dim(), joint: task.joint_dim(), logits: N_ACTIONS })
     }
 }
 

@@ -10,8 +10,9 @@ use crate::bus::{AgentSharedPort, SwarmAddress, Wait, wait_until};
 use crate::error::Result;
 use crate::failed;
 
-/// How long an agent waits for its peers before it acts without those that are missing.
-const PEER_DEADLINE: Duration = Duration::from_secs(5);
+/// How long an agent waits for its peers before it acts without those that are missing. In lockstep the
+/// supervisor ends the swarm before that: a slow peer must not change a result.
+const PEER_DEADLINE: Duration = Duration::from_secs(60);
 
 /// How long an agent tries to open what its supervisor has created.
 const OPEN_DEADLINE: Duration = Duration::from_secs(5);

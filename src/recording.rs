@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::file::AtomicFile;
-use crate::world::World;
+use crate::world::{EPISODE_STEPS, World};
 
 /// A file of recorded episodes.
 #[derive(Clone, Debug, Deserialize)]
@@ -121,6 +121,9 @@ impl Recording {
     /// Checks that every array has the length the header promises.
     fn check(&self) -> std::result::Result<(), String> {
         let Header { n_agents, n_landmarks, episode_steps: steps, .. } = self.header;
+        if steps != EPISODE_STEPS {
+            return Err(format!("its episodes have {steps} steps, not {EPISODE_STEPS}"));
+        }
         let trace = if self.is_trace() { steps } else { 0 };
         for (number, episode) in self.episodes.iter().enumerate() {
             let team = |rows: usize| Some((rows, n_agents));

@@ -87,11 +87,11 @@ fn nothing_of_a_lost_observation_gets_through() {
                 policy: PolicySource::Builtin,
                 ..AgentSettings::for_task(&task)
             };
-            let layout = settings.layout().unwrap();
+            let (layout, policy) = (settings.layout().unwrap(), settings.policy.load(&task).unwrap());
             for p in [0.0, 0.3, 0.8] {
-                let mut plain = InProcess::new(&settings).unwrap();
+                let mut plain = InProcess::new(&settings, &policy).unwrap();
                 let poison = |port| Poisoned { port, layout, rows: Vec::new() };
-                let mut poisoned = InProcess::with_ports(&settings, poison).unwrap();
+                let mut poisoned = InProcess::with_ports(&settings, &policy, poison).unwrap();
                 let expected = play(&mut plain, &task, p, share_at_start);
                 assert!(play(&mut poisoned, &task, p, share_at_start) == expected, "{name}, p = {p}");
                 let finite = |bits: &u32| f32::from_bits(*bits).is_finite();

@@ -1,8 +1,9 @@
 //! Where a swarm lives on this machine, and how everything of it goes away.
 //!
 //! A swarm has a tag of eight hex digits, a directory `/tmp/vamaro-swarm-<uid>/<tag>` for iceoryx2's
-//! sockets and bookkeeping, and shared memory named `vs_<tag>_..`. Its supervisor holds a lock on the
-//! directory as long as it lives, so a directory without a lock belonged to a supervisor that died.
+//! sockets and bookkeeping, and shared memory named `vs_<tag>_..`. As long as its supervisor lives it holds
+//! a lock on the directory and one on the file `vs_<tag>_lock` in shared memory, so a swarm without a lock is
+//! dead. There are two because containers may share either place and not the other.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -23,8 +24,8 @@ const TAG_DIGITS: usize = 8;
 #[derive(Debug)]
 pub struct SwarmDirectory {
     tag: String,
-    /// Keeps the lock.
-    _lock: File,
+    /// Keeps the locks.
+    _locks: [File; 2],
 }
 
 impl SwarmDirectory {
@@ -39,8 +40,11 @@ impl SwarmDirectory {
         let tag = format!("{:08x}", RandomState::new().hash_one(std::process::id()) as u32);
         let path = base.join(&tag);
         fs::create_dir(&path).map_err(|e| Error::io("create the directory", &path, e))?;
-        let lock = open_locked(&path)?.ok_or_else(|| failed!("{} is in use", path.display()))?;
-        Ok(SwarmDirectory { tag, _lock: lock })
+        let in_memory = lock_file_of(&tag);
+        File::create(&in_memory).map_err(|e| Error::io("create", &in_memory, e))?;
+        let lock = |path: &Path| open_locked(path)?.ok_or_else(|| failed!("{} is in use", path.display()));
+        let locks = [lock(&path)?, lock(&in_memory)?];
+        Ok(SwarmDirectory { tag, _locks: locks })
     }
 
     /// The swarm's tag.
@@ -72,19 +76,20 @@ pub struct Leftover {
 }
 
 impl Leftover {
-    /// Removes it.
-    pub fn remove(&self) {
+    fn remove(&self) {
         remove_swarm(&self.tag);
     }
 }
 
-/// The leftovers of this user's dead swarms.
-pub fn leftovers() -> Result<Vec<Leftover>> {
-    if !base_directory().exists() {
-        return dead_swarms();
-    }
+/// The leftovers of this user's dead swarms, which are removed if `clean` is set.
+pub fn leftovers(clean: bool) -> Result<Vec<Leftover>> {
+    make_base()?;
     let _base_lock = lock_base(&base_directory())?;
-    dead_swarms()
+    let dead = dead_swarms()?;
+    if clean {
+        dead.iter().for_each(Leftover::remove);
+    }
+    Ok(dead)
 }
 
 /// An error if a swarm could not put its files where they belong.
@@ -115,6 +120,10 @@ fn make_base() -> Result<()> {
     made.map_err(|e| Error::io("create the directory", &base, e))
 }
 
+fn lock_file_of(tag: &str) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(format!("{}lock", prefix_of(tag)))
+}
+
 pub(super) fn root_of(tag: &str) -> PathBuf {
     base_directory().join(tag)
 }
@@ -127,9 +136,9 @@ pub(super) fn prefix_of(tag: &str) -> String {
 
 /// Held while swarms are created or cleaned up, so that nobody takes one in the making for dead.
 fn lock_base(base: &Path) -> Result<File> {
-    let owner = fs::metadata(base).map_err(|e| Error::io("look at", base, e))?.uid();
-    if owner != rustix::process::geteuid().as_raw() {
-        return Err(failed!("{} belongs to another user; remove it", base.display()));
+    let found = fs::symlink_metadata(base).map_err(|e| Error::io("look at", base, e))?;
+    if !found.is_dir() || found.uid() != rustix::process::geteuid().as_raw() {
+        return Err(failed!("{} is not a folder of this user; remove it", base.display()));
     }
     let deadline = Instant::now() + Duration::from_secs(10);
     loop {
@@ -153,7 +162,7 @@ fn open_locked(path: &Path) -> Result<Option<File>> {
     }
 }
 
-/// Needs the lock of the base directory, if that exists.
+/// Needs the lock of the base directory.
 fn dead_swarms() -> Result<Vec<Leftover>> {
     let mut tags = BTreeSet::new();
     for name in names_in(&base_directory()) {
@@ -162,15 +171,15 @@ fn dead_swarms() -> Result<Vec<Leftover>> {
         }
     }
     for name in names_in(Path::new(SHARED_MEMORY)) {
-        let tag = name.strip_prefix("vs_").and_then(|rest| rest.get(..TAG_DIGITS));
-        if let Some(tag) = tag.filter(|tag| is_tag(tag) && is_mine(&name)) {
+        let tag = name.strip_prefix("vs_").and_then(|rest| rest.split('_').next());
+        let ours = |tag: &&str| is_tag(tag) && name.starts_with(&prefix_of(tag)) && is_mine(&name);
+        if let Some(tag) = tag.filter(ours) {
             tags.insert(tag.to_owned());
         }
     }
     let mut dead = Vec::new();
     for tag in tags {
-        let root = root_of(&tag);
-        if root.exists() && open_locked(&root)?.is_none() {
+        if is_locked(&root_of(&tag))? || is_locked(&lock_file_of(&tag))? {
             continue;
         }
         let files = shared_memory_of(&tag);
@@ -178,6 +187,10 @@ fn dead_swarms() -> Result<Vec<Leftover>> {
         dead.push(Leftover { tag, files: files.len(), bytes });
     }
     Ok(dead)
+}
+
+fn is_locked(path: &Path) -> Result<bool> {
+    Ok(path.exists() && open_locked(path)?.is_none())
 }
 
 fn is_tag(name: &str) -> bool {
@@ -219,9 +232,21 @@ mod tests {
         let file = Path::new(SHARED_MEMORY).join(format!("{}test", prefix_of(&tag)));
         fs::write(&file, [0; 100]).unwrap();
         assert!(root.is_dir());
-        assert!(leftovers().unwrap().iter().all(|dead| dead.tag != tag));
+        assert!(leftovers(false).unwrap().iter().all(|dead| dead.tag != tag));
         drop(swarm);
         assert!(!root.exists() && !file.exists());
+    }
+
+    #[test]
+    fn one_of_two_locks_keeps_a_swarm_alive() {
+        let swarm = SwarmDirectory::create().unwrap();
+        let alive = || leftovers(false).unwrap().iter().all(|dead| dead.tag != swarm.tag);
+        // As another container sees it that shares only one of the two places.
+        fs::remove_dir_all(root_of(&swarm.tag)).unwrap();
+        assert!(alive());
+        fs::remove_file(lock_file_of(&swarm.tag)).unwrap();
+        fs::create_dir(root_of(&swarm.tag)).unwrap();
+        assert!(!alive());
     }
 
     #[test]

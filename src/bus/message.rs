@@ -69,7 +69,7 @@ impl Header {
 /// |---|---|
 /// | sensor | link row (2: low and high half), own observation (`observation`) |
 /// | observation | observation (`observation`) |
-/// | decision | action (1); with `report`: row used (2), joint estimate (`joint`), logits (`logits`) |
+/// | decision | action (1), row used (2), joint estimate (`joint`), logits (`logits`) |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Padded observation.
@@ -78,8 +78,6 @@ pub struct Layout {
     pub joint: usize,
     /// Actions an agent chooses from.
     pub logits: usize,
-    /// Whether decisions carry what they were based on.
-    pub report: bool,
 }
 
 /// An agent's reading of its own sensor, and its rows of the link masks.
@@ -107,9 +105,9 @@ pub struct Decision<'a> {
     /// The action in each world, `[worlds]`.
     pub actions: &'a [u32],
     rows: &'a [u32],
-    /// The policy's input, `[worlds, joint]`; empty without a report.
+    /// The policy's input, `[worlds, joint]`.
     pub estimates: &'a [f32],
-    /// `[worlds, logits]`; empty without a report.
+    /// `[worlds, logits]`.
     pub logits: &'a [f32],
 }
 
@@ -133,7 +131,7 @@ impl Layout {
 
     /// Words of a decision message.
     pub fn decision_words(&self, worlds: usize) -> usize {
-        worlds * (1 + if self.report { 2 + self.joint + self.logits } else { 0 })
+        worlds * (1 + 2 + self.joint + self.logits)
     }
 
     /// Writes a sensor message: `rows` has one entry, `observations` `[worlds, observation]`.
@@ -160,21 +158,18 @@ impl Layout {
     ) {
         let (action_words, rest) = words.split_at_mut(actions.len());
         action_words.copy_from_slice(actions);
-        if self.report {
-            let (row_words, rest) = rest.split_at_mut(2 * rows.len());
-            split_rows(row_words, rows);
-            let (estimate_words, logit_words) = rest.split_at_mut(estimates.len());
-            estimate_words.copy_from_slice(bytemuck::cast_slice(estimates));
-            logit_words.copy_from_slice(bytemuck::cast_slice(logits));
-        }
+        let (row_words, rest) = rest.split_at_mut(2 * rows.len());
+        split_rows(row_words, rows);
+        let (estimate_words, logit_words) = rest.split_at_mut(estimates.len());
+        estimate_words.copy_from_slice(bytemuck::cast_slice(estimates));
+        logit_words.copy_from_slice(bytemuck::cast_slice(logits));
     }
 
     /// Reads a decision message of [`Layout::decision_words`] words.
     pub fn decision<'a>(&self, words: &'a [u32], worlds: usize) -> Decision<'a> {
         let (actions, rest) = words.split_at(worlds);
-        let with_report = if self.report { worlds } else { 0 };
-        let (rows, rest) = rest.split_at(2 * with_report);
-        let (estimates, logits) = rest.split_at(self.joint * with_report);
+        let (rows, rest) = rest.split_at(2 * worlds);
+        let (estimates, logits) = rest.split_at(self.joint * worlds);
         Decision {
             actions,
             rows,
@@ -198,7 +193,7 @@ fn split_rows(words: &mut [u32], rows: &[u64]) {
 mod tests {
     use super::*;
 
-    const LAYOUT: Layout = Layout { observation: 3, joint: 5, logits: 2, report: true };
+    const LAYOUT: Layout = Layout { observation: 3, joint: 5, logits: 2 };
 
     #[test]
     fn a_sensor_message_comes_back() {
@@ -212,22 +207,15 @@ mod tests {
     }
 
     #[test]
-    fn a_decision_comes_back_with_and_without_its_report() {
+    fn a_decision_comes_back() {
         let (actions, rows) = ([4, 0], [3, u64::MAX]);
         let (estimates, logits) = ([0.25; 10], [1.0, 2.0, 3.0, 4.0]);
-        for report in [true, false] {
-            let layout = Layout { report, ..LAYOUT };
-            let mut words = vec![0; layout.decision_words(2)];
-            layout.write_decision(&mut words, &actions, &rows, &estimates, &logits);
-            let decision = layout.decision(&words, 2);
-            assert_eq!(decision.actions, actions);
-            if report {
-                assert_eq!([decision.row(0), decision.row(1)], rows);
-                assert_eq!((decision.estimates, decision.logits), (&estimates[..], &logits[..]));
-            } else {
-                assert!(decision.estimates.is_empty() && decision.logits.is_empty());
-            }
-        }
+        let mut words = vec![0; LAYOUT.decision_words(2)];
+        LAYOUT.write_decision(&mut words, &actions, &rows, &estimates, &logits);
+        let decision = LAYOUT.decision(&words, 2);
+        assert_eq!(decision.actions, actions);
+        assert_eq!([decision.row(0), decision.row(1)], rows);
+        assert_eq!((decision.estimates, decision.logits), (&estimates[..], &logits[..]));
     }
 
     #[test]

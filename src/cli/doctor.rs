@@ -22,8 +22,7 @@ pub struct Doctor {
 impl Doctor {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let findings =
-            [cores(), shared_memory()?, writable(), open_files(), processes(), self.dead_swarms()?];
+        let findings = [cores(), shared_memory()?, writable(), open_files(), processes(), self.dead_swarms()];
         let text: String = findings.iter().map(|f| format!("{:<8}{}\n", f.mark(), f.words)).collect();
         print(&text)?;
         match findings.iter().filter(|finding| finding.health == Health::Bad).count() {
@@ -32,19 +31,21 @@ impl Doctor {
         }
     }
 
-    fn dead_swarms(&self) -> Result<Finding> {
-        let dead = leftovers()?;
+    fn dead_swarms(&self) -> Finding {
+        let dead = match leftovers(self.clean) {
+            Ok(dead) => dead,
+            Err(e) => return Finding::bad(e.to_string()),
+        };
         let mib = dead.iter().map(|swarm| swarm.bytes).sum::<u64>() as f64 / f64::from(1 << 20);
         let swarms = if dead.len() == 1 { "swarm" } else { "swarms" };
         let found = format!("{} dead {swarms}, {mib:.1} MiB of shared memory", dead.len());
         if dead.is_empty() {
-            return Ok(Finding::good("nothing is left of dead swarms"));
+            return Finding::good("nothing is left of dead swarms");
         }
         if self.clean {
-            dead.iter().for_each(|swarm| swarm.remove());
-            return Ok(Finding::good(format!("removed what was left of {found}")));
+            return Finding::good(format!("removed what was left of {found}"));
         }
-        Ok(Finding::fair(format!("left behind by {found}; --clean removes it, and so does the next `spawn`")))
+        Finding::fair(format!("left behind by {found}; --clean removes it, and so does the next `spawn`"))
     }
 }
 

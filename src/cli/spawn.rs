@@ -126,7 +126,7 @@ impl Spawn {
             episodes: self.episodes,
         };
         let (statistics, audit) = if self.in_process {
-            self.play(&mut InProcess::new(&settings)?, &summary, recorder)?
+            self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder)?
         } else {
             self.play(&mut Processes::start(&settings, &policy, self.wait)?, &summary, recorder)?
         };
@@ -229,7 +229,6 @@ impl Spawn {
             seed: self.seed,
             // More worlds than episodes would have nothing to do.
             worlds: u64::from(self.worlds).min(self.episodes) as usize,
-            report: true,
         })
     }
 

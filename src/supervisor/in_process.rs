@@ -4,33 +4,39 @@ use super::{Decisions, Team, Tick};
 use crate::agents::{Agent, AgentSettings, Member, Sensed};
 use crate::bus::{AgentPort, Header, Kind, Layout, LocalHub, LocalPort, LocalSample, PROTOCOL, Sample};
 use crate::error::Result;
+use crate::nn::Policy;
+use crate::world::Task;
 
 /// The agents of a team in this process. `P` is their port, by default the plain in-process one.
 pub struct InProcess<P: AgentPort = LocalPort> {
+    task: Task,
     hub: LocalHub,
     members: Vec<Member<P>>,
     layout: Layout,
 }
 
 impl InProcess {
-    /// Makes the agents of a team.
-    pub fn new(settings: &AgentSettings) -> Result<InProcess> {
-        InProcess::with_ports(settings, |port| port)
+    /// Makes the agents of a team, which share the weights of `policy`.
+    pub fn new(settings: &AgentSettings, policy: &Policy) -> Result<InProcess> {
+        InProcess::with_ports(settings, policy, |port| port)
     }
 }
 
 impl<P: AgentPort> InProcess<P> {
     /// Makes the agents of a team, each behind what `wrap` makes of its port.
-    pub fn with_ports(settings: &AgentSettings, wrap: impl Fn(LocalPort) -> P) -> Result<InProcess<P>> {
-        let layout = settings.layout()?;
-        let agents = settings.task()?.n_agents();
-        let hub = LocalHub::new(agents);
+    pub fn with_ports(
+        settings: &AgentSettings,
+        policy: &Policy,
+        wrap: impl Fn(LocalPort) -> P,
+    ) -> Result<InProcess<P>> {
+        let (task, layout) = (settings.task()?, settings.layout()?);
+        let hub = LocalHub::new(task.n_agents());
         let member = |index| {
-            let agent = Agent::new(settings, index)?;
+            let agent = Agent::with_policy(settings, policy, index)?;
             Ok(Member::new(agent, wrap(hub.port(index)), layout, 0, 0))
         };
-        let members = (0..agents).map(member).collect::<Result<_>>()?;
-        Ok(InProcess { hub, members, layout })
+        let members = (0..task.n_agents()).map(member).collect::<Result<_>>()?;
+        Ok(InProcess { task, hub, members, layout })
     }
 }
 
@@ -56,7 +62,8 @@ impl<P: AgentPort> Team for InProcess<P> {
             member.decide()?;
         }
         while let Some(decision) = self.hub.receive_decision() {
-            decisions.take(decision.header().sender as usize, worlds, &layout, decision.words());
+            let agent = decision.header().sender as usize;
+            decisions.take(&self.task, agent, worlds, &layout.decision(decision.words(), worlds))?;
         }
         self.members.iter_mut().for_each(Member::predict);
         Ok(())

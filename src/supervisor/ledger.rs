@@ -38,7 +38,7 @@ impl Ledger {
         let (task, tick) = (stage.task(), stage.tick());
         self.statistics.push_tick(time);
         for (world, episode) in self.playing.iter_mut().enumerate() {
-            count_deliveries(task, &tick, world, episode);
+            count_deliveries(task, &tick, decisions, world, episode);
             sum_imputation_errors(task, &tick, decisions, world, episode);
         }
         if let Some(audit) = &mut self.audit {
@@ -73,13 +73,19 @@ impl Ledger {
     }
 }
 
-fn count_deliveries(task: &Task, tick: &Tick, world: usize, episode: &mut EpisodeStatistics) {
+fn count_deliveries(
+    task: &Task,
+    tick: &Tick,
+    decisions: &Decisions,
+    world: usize,
+    episode: &mut EpisodeStatistics,
+) {
     if tick.step == 0 {
         return;
     }
     let agents = task.n_agents();
     for agent in 0..agents {
-        let others = tick.rows[agent * tick.worlds + world] & !(1 << agent);
+        let others = decisions.used[agent * tick.worlds + world] & !(1 << agent);
         episode.delivered += u64::from(others.count_ones());
         episode.sent += agents as u64 - 1;
     }

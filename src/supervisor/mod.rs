@@ -22,8 +22,9 @@ pub use statistics::{EpisodeStatistics, Statistics};
 
 use self::ledger::Ledger;
 use crate::agents::now_ns;
-use crate::bus::{Header, Layout};
+use crate::bus::{Decision, Header, Layout};
 use crate::error::Result;
+use crate::failed;
 use crate::world::Task;
 
 /// What the supervisor gives a team at a tick.
@@ -48,11 +49,11 @@ pub struct Tick<'a> {
 pub struct Decisions {
     /// `[agents, worlds]`.
     pub actions: Vec<u8>,
-    /// Whose observations an agent used, `[agents, worlds]`; empty unless reports are on.
+    /// Whose observations an agent used, `[agents, worlds]`.
     pub used: Vec<u64>,
-    /// The policies' inputs, `[agents, worlds, joint]`; empty unless reports are on.
+    /// The policies' inputs, `[agents, worlds, joint]`.
     pub estimates: Vec<f32>,
-    /// `[agents, worlds, N_ACTIONS]`; empty unless reports are on.
+    /// `[agents, worlds, N_ACTIONS]`.
     pub logits: Vec<f32>,
 }
 
@@ -95,27 +96,25 @@ impl Decisions {
     /// Makes room for a team of `agents` in `worlds` worlds.
     fn resize(&mut self, agents: usize, worlds: usize, layout: &Layout) {
         let rows = agents * worlds;
-        let reported = if layout.report { rows } else { 0 };
         self.actions.resize(rows, 0);
-        self.used.resize(reported, 0);
-        self.estimates.resize(reported * layout.joint, 0.0);
-        self.logits.resize(reported * layout.logits, 0.0);
+        self.used.resize(rows, 0);
+        self.estimates.resize(rows * layout.joint, 0.0);
+        self.logits.resize(rows * layout.logits, 0.0);
     }
 
     /// Takes in one agent's decision for all worlds.
-    fn take(&mut self, agent: usize, worlds: usize, layout: &Layout, words: &[u32]) {
-        let decision = layout.decision(words, worlds);
-        let first = agent * worlds;
+    fn take(&mut self, task: &Task, agent: usize, worlds: usize, decision: &Decision) -> Result<()> {
+        let (first, available) = (agent * worlds, task.available_actions(agent));
         for (world, action) in decision.actions.iter().enumerate() {
-            self.actions[first + world] = *action as u8;
-        }
-        if layout.report {
-            for world in 0..worlds {
-                self.used[first + world] = decision.row(world);
+            if *action as usize >= available {
+                return Err(failed!("agent-{agent} chose action {action}, it has {available}"));
             }
-            let (joint, logits) = (layout.joint, layout.logits);
-            self.estimates[first * joint..][..worlds * joint].copy_from_slice(decision.estimates);
-            self.logits[first * logits..][..worlds * logits].copy_from_slice(decision.logits);
+            self.actions[first + world] = *action as u8;
+            self.used[first + world] = decision.row(world);
         }
+        let (estimates, logits) = (decision.estimates, decision.logits);
+        self.estimates[agent * estimates.len()..][..estimates.len()].copy_from_slice(estimates);
+        self.logits[agent * logits.len()..][..logits.len()].copy_from_slice(logits);
+        Ok(())
     }
 }

@@ -15,6 +15,7 @@ use crate::bus::{
 use crate::error::Result;
 use crate::failed;
 use crate::nn::Policy;
+use crate::world::Task;
 
 /// How long the agents may take to start.
 const READY_DEADLINE: Duration = Duration::from_secs(30);
@@ -25,6 +26,7 @@ const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 /// A running swarm. Dropping it ends the agents and leaves nothing behind.
 #[derive(Debug)]
 pub struct Processes {
+    task: Task,
     agents: Vec<AgentProcess>,
     port: SupervisorPort,
     identity: Header,
@@ -39,13 +41,15 @@ pub struct Processes {
 impl Processes {
     /// Starts one process per agent, with the `policy` that `settings` name, and waits until all are ready.
     pub fn start(settings: &AgentSettings, policy: &Policy, wait: Wait) -> Result<Processes> {
-        let (team, layout) = (settings.task()?.n_agents(), settings.layout()?);
+        let (task, layout) = (settings.task()?, settings.layout()?);
+        let team = task.n_agents();
         let directory = SwarmDirectory::create()?;
         let settings = share_weights(settings, policy, &directory)?;
         check_shared_memory(team, settings.worlds, &layout)?;
         allow_open_files(team)?;
         let address = SwarmAddress { tag: directory.tag().to_owned(), agents: team, worlds: settings.worlds };
         let mut swarm = Processes {
+            task,
             agents: Vec::with_capacity(team),
             port: SupervisorPort::create(&address, &layout)?,
             identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
@@ -65,7 +69,7 @@ impl Processes {
             };
             swarm.agents.push(AgentProcess::start(&process)?);
         }
-        swarm.await_all("get ready", Instant::now() + READY_DEADLINE, Processes::take_ready)?;
+        swarm.await_all("get ready", READY_DEADLINE, Processes::take_ready)?;
         Ok(swarm)
     }
 
@@ -94,12 +98,12 @@ impl Processes {
     fn await_all(
         &mut self,
         what: &str,
-        deadline: Instant,
+        longest: Duration,
         mut take: impl FnMut(&mut Processes) -> Result<()>,
     ) -> Result<()> {
         self.answered = 0;
         let all = u64::MAX >> (u64::BITS - self.agents.len() as u32);
-        let (wait, started) = (self.wait, Instant::now());
+        let (wait, deadline) = (self.wait, Instant::now() + longest);
         let done = wait_until(
             self,
             wait,
@@ -117,8 +121,7 @@ impl Processes {
         }
         let missing = (0..self.agents.len()).filter(|agent| self.answered >> agent & 1 == 0);
         let missing: Vec<String> = missing.map(|agent| format!("agent-{agent}")).collect();
-        let waited = started.elapsed().as_secs_f64();
-        Err(failed!("{} did not {what} within {waited:.1} s; ending the swarm", missing.join(", ")))
+        Err(failed!("{} did not {what} within {longest:?}; ending the swarm", missing.join(", ")))
     }
 
     fn check_agents(&mut self) -> Result<()> {
@@ -147,7 +150,8 @@ impl Processes {
         let words = self.layout.decision_words(tick.worlds);
         while let Some(sample) = self.port.receive_decision()? {
             if let Some(agent) = self.mark(&sample, Kind::Decision, tick.tick, words) {
-                decisions.take(agent, tick.worlds, &self.layout, sample.words());
+                let decision = self.layout.decision(sample.words(), tick.worlds);
+                decisions.take(&self.task, agent, tick.worlds, &decision)?;
             }
         }
         Ok(())
@@ -170,11 +174,10 @@ impl Processes {
 impl Team for Processes {
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         decisions.resize(self.agents.len(), tick.worlds, &self.layout);
-        let deadline = Instant::now() + ANSWER_DEADLINE;
         self.send_sensors(tick)?;
-        self.await_all("publish an observation", deadline, |swarm| swarm.take_observations(tick))?;
+        self.await_all("publish an observation", ANSWER_DEADLINE, |swarm| swarm.take_observations(tick))?;
         self.wake_agents()?;
-        self.await_all("decide", deadline, |swarm| swarm.take_decisions(tick, decisions))
+        self.await_all("decide", ANSWER_DEADLINE, |swarm| swarm.take_decisions(tick, decisions))
     }
 }
 

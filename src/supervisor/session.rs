@@ -26,13 +26,13 @@ impl Session {
         }
     }
 
-    /// Counts where the parts of policy inputs come from. Needs a team that reports.
+    /// Counts where the parts of policy inputs come from.
     pub fn with_audit(mut self) -> Session {
         self.ledger.audit = Some(Audit::default());
         self
     }
 
-    /// Records all episodes. Needs a team that reports.
+    /// Records all episodes.
     pub fn with_recorder(mut self, recorder: Recorder) -> Session {
         self.ledger.recorder = Some(recorder);
         self

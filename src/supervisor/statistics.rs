@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 
-use crate::stats::{ci95, mean};
+use crate::stats::ci95;
 
 /// One finished episode.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,6 +25,8 @@ pub struct EpisodeStatistics {
 #[derive(Clone, Debug)]
 pub struct Statistics {
     episodes: Vec<EpisodeStatistics>,
+    /// Sums over the episodes, in their order.
+    total: EpisodeStatistics,
     /// Nanoseconds.
     tick_times: Histogram<u64>,
     elapsed: Duration,
@@ -34,12 +36,23 @@ impl Default for Statistics {
     fn default() -> Statistics {
         const LONGEST: u64 = 60_000_000_000;
         let tick_times = Histogram::new_with_bounds(1, LONGEST, 3).expect("the bounds are in order");
-        Statistics { episodes: Vec::new(), tick_times, elapsed: Duration::ZERO }
+        Statistics {
+            episodes: Vec::new(),
+            total: EpisodeStatistics::default(),
+            tick_times,
+            elapsed: Duration::ZERO,
+        }
     }
 }
 
 impl Statistics {
     pub(super) fn push_episode(&mut self, episode: EpisodeStatistics) {
+        let total = &mut self.total;
+        total.episode_return += episode.episode_return;
+        total.delivered += episode.delivered;
+        total.sent += episode.sent;
+        total.squared_error += episode.squared_error;
+        total.imputed += episode.imputed;
         self.episodes.push(episode);
     }
 
@@ -58,27 +71,26 @@ impl Statistics {
 
     /// Mean return; NaN before the first episode.
     pub fn return_mean(&self) -> f64 {
-        mean(&self.returns())
+        self.total.episode_return / self.episodes.len() as f64
     }
 
     /// Half the width of the 95 % confidence interval of the mean return.
     pub fn return_ci95(&self) -> Option<f64> {
-        ci95(&self.returns())
+        let returns: Vec<f64> = self.episodes.iter().map(|episode| episode.episode_return).collect();
+        ci95(&returns)
     }
 
     /// Realised share of observations that were delivered, over i != j and t >= 1; `None` for a team
     /// of one.
     pub fn delivery_rate(&self) -> Option<f64> {
-        let sent: u64 = self.episodes.iter().map(|e| e.sent).sum();
-        let delivered: u64 = self.episodes.iter().map(|e| e.delivered).sum();
+        let EpisodeStatistics { delivered, sent, .. } = self.total;
         (sent > 0).then(|| delivered as f64 / sent as f64)
     }
 
     /// Root mean squared error of the imputed values, in units of the observation; `None` if nothing
     /// was imputed.
     pub fn imputation_rmse(&self) -> Option<f64> {
-        let imputed: u64 = self.episodes.iter().map(|e| e.imputed).sum();
-        let squared_error: f64 = self.episodes.iter().map(|e| e.squared_error).sum();
+        let EpisodeStatistics { squared_error, imputed, .. } = self.total;
         (imputed > 0).then(|| (squared_error / imputed as f64).sqrt())
     }
 
@@ -95,9 +107,5 @@ impl Statistics {
     /// Time spent playing.
     pub fn elapsed(&self) -> Duration {
         self.elapsed
-    }
-
-    fn returns(&self) -> Vec<f64> {
-        self.episodes.iter().map(|e| e.episode_return).collect()
     }
 }
