@@ -83,11 +83,7 @@ impl Imputer {
     pub fn begin_episode(&mut self, worlds: usize) {
         self.carried.fill(0.0);
         if let Rule::Predict(prediction) = &mut self.rule {
-            let Prediction { predictor, state, .. } = &mut **prediction;
-            for part in [&mut state.hidden, &mut state.cell] {
-                part.clear();
-                part.resize(worlds * predictor.spec().hidden, 0.0);
-            }
+            prediction.state.start(&prediction.predictor, worlds);
         }
     }
 

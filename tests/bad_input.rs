@@ -28,7 +28,7 @@ fn numbers_out_of_range() {
         fail(&format!("spawn --p={p}"), 2, &["--p"]);
         fail(&format!("spawn --drop={p}"), 2, &["--drop"]);
     }
-    for words in ["--agents 0", "--agents -1", "--episodes 0", "--worlds 0", "--worlds 100000", "--seed -1"] {
+    for words in ["--agents 0", "--agents -1", "--episodes 0", "--worlds 0", "--worlds 5000", "--seed -1"] {
         fail(&format!("spawn {words}"), 2, &[]);
     }
 }
@@ -39,8 +39,10 @@ fn requests_that_make_no_sense() {
     fail("spawn --p 0.2 --links dynamic", 2, &["--links"]);
     fail("spawn --task hear-sea", 2, &["hear-sea", "hear-see"]);
     fail("spawn --task spread-xy-3", 2, &["even"]);
-    fail("spawn --agents 5", 2, &["2, 3, 4, 6, 8 and 12", "spread-blindfold-N"]);
-    fail("spawn --task hear-see --agents 3", 2, &["2 agents", "spread-blindfold-3"]);
+    fail("spawn --agents 5", 2, &["2, 3, 4, 6, 8 and 12", "spread-blindfold-5"]);
+    fail("spawn --task hear-see --agents 3", 2, &["2 agents", "spread-blindfold"]);
+    fail("spawn --task hear-see --agents 65", 2, &["1 to 64"]);
+    fail("spawn --agents 65", 2, &["1 to 64"]);
     fail("spawn --agents 3", 2, &["no built-in policy for spread-blindfold", "--policy untrained"]);
     fail("spawn --imputer clairvoyant", 2, &["clairvoyant", "value-aware", "hold"]);
     fail("spawn --links sometimes", 2, &["uniform, asymmetric, dynamic"]);
@@ -96,6 +98,28 @@ fn a_record_path_that_cannot_be_written() {
 }
 
 #[test]
+fn what_is_no_file_is_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("socket");
+    let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+    fail(&format!("spawn --episodes 1 --record {}", socket.display()), 1, &["device, pipe, socket"]);
+    assert!(!socket.metadata().unwrap().is_file());
+}
+
+#[test]
+fn a_policy_in_a_folder_whose_name_is_no_text() {
+    use std::os::unix::ffi::OsStrExt;
+    let (folder, path) = with_policy();
+    let odd = folder.path().join(std::ffi::OsStr::from_bytes(b"b\xff"));
+    std::fs::create_dir(&odd).unwrap();
+    std::fs::rename(path, odd.join("policy.safetensors")).unwrap();
+    let mut command = common::command("spawn --policy policy.safetensors --episodes 1");
+    let output = command.current_dir(&odd).output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", common::stderr(&output));
+    assert!(common::stderr(&output).contains("UTF-8"), "{}", common::stderr(&output));
+}
+
+#[test]
 fn an_interrupted_recording_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
@@ -107,9 +131,18 @@ fn an_interrupted_recording_leaves_no_file() {
 
 #[test]
 fn shared_memory_that_is_too_small() {
-    // More than any machine has: 64 agents in 65,536 worlds take some 80 GiB.
-    let words = "spawn --task spread-blindfold-64 --policy untrained --episodes 65536 --worlds 65536";
-    fail(words, 1, &["/dev/shm", "--worlds", "doctor"]);
+    // In a mount namespace of its own, with a /dev/shm of 64 KiB.
+    let script = format!("mount -t tmpfs -o size=64k tmpfs /dev/shm && exec {} spawn", common::PROGRAM);
+    let output = std::process::Command::new("unshare").args(["-rm", "sh", "-c", &script]).output();
+    let Ok(output) = output else { return eprintln!("skipped: this machine has no `unshare`") };
+    let stderr = common::stderr(&output);
+    if !stderr.contains("error: ") {
+        return eprintln!("skipped: this machine allows no mount namespaces: {stderr}");
+    }
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    for part in ["/dev/shm", "too small", "--worlds", "doctor"] {
+        assert!(stderr.contains(part), "{stderr}");
+    }
 }
 
 #[test]

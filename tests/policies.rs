@@ -4,11 +4,9 @@
 #![allow(clippy::unwrap_used)]
 
 use serde_json::Value;
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use vamaro_swarm::nn::{self, ActorKind, Dims, Meta, Networks, Policy, PolicyFile, Scratch, Sharing};
+use vamaro_swarm::nn::{self, ActorKind, Dims, Meta, Policy, PolicyFile, Scratch, Sharing};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/import").join(name)
@@ -82,52 +80,6 @@ fn what_was_imported_says_so() {
     assert_eq!((file.networks.actor, file.networks.sharing), (ActorKind::Gru, Sharing::Shared));
     assert_eq!((file.networks.hidden, file.networks.predictors[0].hidden), (4, 3));
     assert_eq!((&file.meta.task[..], file.meta.steps, &file.meta.origin[..]), ("toy", 1000, "a test"));
-}
-
-/// Counts the allocations of each thread.
-struct Counting;
-
-thread_local!(static ALLOCATIONS: Cell<usize> = const { Cell::new(0) });
-
-// SAFETY: everything is left to the system's allocator; the counter is a constant-initialised thread-local
-// without a destructor, which itself never allocates.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller's promise is passed on.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promise is passed on.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-#[test]
-fn running_networks_allocates_nothing_after_the_first_pass() {
-    let dims = Dims { task: "toy".to_string(), n_agents: 4, joint: 24, predicted: 16, n_actions: 5 };
-    for (actor, sharing) in [(ActorKind::Mlp, Sharing::Separate), (ActorKind::Gru, Sharing::Shared)] {
-        let networks = Networks { sharing, ..Networks::paper(actor) };
-        let policy = Policy::untrained(&dims, 1, networks).unwrap();
-        let (actor, predictor) = (policy.actor(3), policy.predictor("value-aware").unwrap());
-        let rows = 10;
-        let inputs = vec![0.5; rows * dims.joint];
-        let (mut hidden, mut state) = (vec![0.0; rows * actor.state_len()], predictor.state(rows));
-        let (mut logits, mut out) = (vec![0.0; rows * dims.n_actions], vec![0.0; rows * 2 * dims.predicted]);
-        let mut scratch = Scratch::default();
-        let mut tick = || {
-            actor.forward(rows, &inputs, &mut hidden, &mut scratch, &mut logits);
-            predictor.step(rows, &inputs, &mut state, &mut scratch, &mut out);
-        };
-        tick();
-        let before = ALLOCATIONS.get();
-        (0..5).for_each(|_| tick());
-        assert_eq!(ALLOCATIONS.get(), before);
-    }
 }
 
 /// Runs the snippet in `docs/policy-file.md`, word for word, and compares what it prints.

@@ -3,6 +3,8 @@
 mod common;
 
 use common::{Swarm, assert_gone, fail, run, shared_memory, stderr, succeed};
+use std::time::{Duration, Instant};
+
 use rustix::process::{Signal, kill_process};
 use serde_json::Value;
 
@@ -65,7 +67,7 @@ fn interrupting_takes_everything_down() {
         let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
         assert!(!shared_memory(&tag).is_empty(), "a running swarm has shared memory");
         swarm.signal_supervisor(signal);
-        let (code, stderr) = swarm.wait();
+        let (code, _, stderr) = swarm.wait();
         assert_eq!(code, Some(130), "{stderr}");
         assert_gone(&agents, &tag);
     }
@@ -76,7 +78,7 @@ fn an_agent_that_dies_ends_the_swarm_with_its_name() {
     let swarm = Swarm::start("--agents 4 --p 0.2");
     let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
     kill_process(agents[2], Signal::KILL).unwrap();
-    let (code, stderr) = swarm.wait();
+    let (code, _, stderr) = swarm.wait();
     assert_eq!(code, Some(1));
     assert!(stderr.contains("agent-2") && stderr.contains("signal 9"), "{stderr}");
     assert_gone(&agents, &tag);
@@ -87,10 +89,26 @@ fn an_agent_that_hangs_is_found_and_ended() {
     let swarm = Swarm::start("--agents 2");
     let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
     kill_process(agents[1], Signal::STOP).unwrap();
-    let (code, stderr) = swarm.wait();
+    let (code, _, stderr) = swarm.wait();
     assert_eq!(code, Some(1));
     assert!(stderr.contains("agent-1 did not"), "{stderr}");
     assert_gone(&agents, &tag);
+}
+
+#[test]
+fn a_slow_agent_changes_nothing() {
+    let words = "--agents 2 --p 0.5 --episodes 3000 --json --audit";
+    let result = |json: &Value| (json["return_mean"].clone(), json["imputation_rmse"].clone());
+    let undisturbed: Value = serde_json::from_str(&succeed(&format!("spawn {words}"))).unwrap();
+    let swarm = Swarm::start(words);
+    kill_process(swarm.agents[1], Signal::STOP).unwrap();
+    std::thread::sleep(Duration::from_secs(6));
+    kill_process(swarm.agents[1], Signal::CONT).unwrap();
+    let (code, stdout, stderr) = swarm.wait();
+    assert_eq!(code, Some(0), "{stderr}");
+    let disturbed: Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(disturbed["audit"]["late"], 0);
+    assert_eq!(result(&disturbed), result(&undisturbed));
 }
 
 #[test]
@@ -100,9 +118,10 @@ fn agents_go_with_their_supervisor_and_the_next_start_cleans_up() {
     swarm.signal_supervisor(Signal::KILL);
     swarm.wait();
     assert!(!shared_memory(&tag).is_empty(), "nobody was left to clean up");
-    // The agents are ended by the kernel; whoever adopts them reaps them, which may take a moment.
-    while agents.iter().any(|agent| std::fs::exists(format!("/proc/{}", agent.as_raw_nonzero())).unwrap()) {
-        std::thread::sleep(std::time::Duration::from_millis(5));
+    // The agents are ended by the kernel, which may take a moment.
+    let deadline = Instant::now() + Duration::from_secs(10);
+    while agents.iter().any(|agent| common::is_running(*agent)) && Instant::now() < deadline {
+        std::thread::sleep(Duration::from_millis(5));
     }
     succeed("spawn --episodes 1");
     assert_gone(&agents, &tag);

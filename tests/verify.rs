@@ -61,6 +61,7 @@ fn tampering_is_found() {
         (&recording, "/episodes/0/team_reward/3", Value::from(-1.0)),
         (&recording, "/episodes/0/return", Value::from(-1.0)),
         (&recording, "/episodes/0/obs/25/0/2", Value::from(0.5)),
+        (&recording, "/episodes/0/obs/25/0", Value::from(vec![0.5; 9])),
         (&trace, "/episodes/1/logits/9/0/1", Value::from(0.5)),
         (&trace, "/episodes/1/joint_estimate/9/0/10", Value::from(0.5)),
         (&trace, "/episodes/3/delivered/9/0/1", Value::from(1)),
@@ -79,6 +80,7 @@ fn broken_recordings_are_refused() {
         (&recording, "/episodes/0/actions/0/0", Value::from(9), "no action 9"),
         (&recording, "/episodes/0/goal_landmark", Value::from(1), "no goal"),
         (&recording, "/task", Value::from("hear-see"), "landmarks"),
+        (&recording, "/episode_steps", Value::from(u64::MAX), "steps"),
         (&recording, "/task", Value::from("no-such-task"), "no-such-task"),
         (&trace, "/episodes/0/joint_estimate/3/1", Value::from(vec![0.5]), "joint"),
         (&trace, "/episodes/0/delivered/3/1", Value::from(vec![1]), "delivered"),
@@ -112,6 +114,17 @@ fn nothing_compared_is_a_failure() {
     .unwrap();
     fail(&format!("verify {}", at("empty.json")), 1, &["do not hold"]);
     fail(&format!("verify {}", at("missing")), 2, &["there is no file"]);
+    // A link that leads back up is not followed, and what cannot be read does not hide the rest.
+    std::fs::remove_file(at("empty.json")).unwrap();
+    std::os::unix::fs::symlink(folder.path(), at("loop")).unwrap();
+    std::fs::copy(data("recordings/hear-see.json"), at("a recording")).unwrap();
+    let table = succeed(&format!("verify {}", at("")));
+    assert!(table.contains("all 5 comparisons hold"), "{table}");
+    std::fs::write(at("0.json"), "{").unwrap();
+    let output = run(&format!("verify {}", at("")));
+    assert_eq!(output.status.code(), Some(1));
+    let table = String::from_utf8_lossy(&output.stdout);
+    assert!(table.contains("FAIL") && table.contains("0.json") && table.contains("ok  "), "{table}");
     std::fs::write(at("half.json"), r#"{"task": "hear-"#).unwrap();
     fail(&format!("verify {}", at("half.json")), 1, &["half.json", "JSON"]);
 }

@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{print, table};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::nn::PolicyFile;
 use crate::recording::Recording;
 use crate::stats::mean;
 use crate::usage;
+use crate::verify::FileKind;
 
 /// Say what a policy, trace or recording holds
 #[derive(Debug, Args)]
@@ -21,21 +22,17 @@ pub struct Inspect {
 impl Inspect {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        if let Err(e) = self.file.metadata() {
-            return Err(Error::open(&self.file, e));
-        }
-        let extension = self.file.extension().and_then(|e| e.to_str());
-        match extension {
-            Some("safetensors") => inspect_policy(&self.file),
-            Some("json") => inspect_recording(&self.file),
-            Some("th") => Err(usage!(
+        let file = &self.file;
+        match FileKind::of(file)? {
+            FileKind::Policy | FileKind::Tensors => inspect_policy(file),
+            FileKind::Recording => inspect_recording(file),
+            FileKind::StateDict => Err(usage!(
                 "{} is a state dict of PyTorch; `vamaro-swarm import` makes a policy file of it",
-                self.file.display()
+                file.display()
             )),
-            _ => Err(usage!(
-                "{}: expected a policy file (.safetensors), or a trace or recording (.json)",
-                self.file.display()
-            )),
+            FileKind::Json(_) | FileKind::Unknown => {
+                Err(usage!("{} is neither a policy file nor a trace or recording", file.display()))
+            }
         }
     }
 }

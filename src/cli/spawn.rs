@@ -11,9 +11,10 @@ use super::{policy_source, print, print_json};
 use crate::agents::{AgentSettings, ImputerName, PolicySource};
 use crate::bus::Wait;
 use crate::error::{Error, Result};
-use crate::link::{CommunicationMatrix, LinkModel, Links};
+use crate::link::{CommunicationMatrix, LinkModel, Links, complement};
 use crate::nn::Policy;
 use crate::recording::{Header, Recorder};
+use crate::rng::MAX_AGENTS;
 use crate::supervisor::{Audit, InProcess, Processes, Session, Statistics, Team, signals};
 use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
@@ -67,7 +68,7 @@ pub struct Spawn {
     episodes: u64,
 
     /// Parallel worlds; one message carries the observations of all of them
-    #[arg(long, value_name = "W", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    #[arg(long, value_name = "W", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
     worlds: u32,
 
     /// Seed of every random draw
@@ -187,24 +188,30 @@ impl Spawn {
             (Some(name), Some(agents)) => (name, agents),
         };
         // `--task spread-xy --agents 6` names a task as well as `spread-xy-6` does.
-        let task = match Task::parse(name) {
-            Ok(task) if task.n_agents() == agents => return Ok(task),
-            Ok(task) => task,
-            Err(e) => return Task::parse(&format!("{name}-{agents}")).map_err(|_| e),
-        };
-        Err(usage!(
-            "{} is for {} agents, not {agents}; leave one of --task and --agents away, or take a task of that \
-             size: spread-blindfold-{agents}{}",
-            task.id(),
-            task.n_agents(),
-            if agents % 2 == 0 { format!(", spread-xy-{agents}") } else { String::new() }
-        ))
+        let of_that_size = |name: &str| Task::parse(name).ok().filter(|task| task.n_agents() == agents);
+        if let Some(task) = of_that_size(name).or_else(|| of_that_size(&format!("{name}-{agents}"))) {
+            return Ok(task);
+        }
+        let task = Task::parse(name)?;
+        let others =
+            ["spread-blindfold", "spread-xy"].map(|family| of_that_size(&format!("{family}-{agents}")));
+        let others: Vec<String> = others.iter().flatten().map(|task| task.id().to_owned()).collect();
+        Err(match others.is_empty() {
+            true => usage!("a team has 1 to {MAX_AGENTS} agents, not {agents}"),
+            false => usage!(
+                "{} is for {} agents, not {agents}; leave one of --task and --agents away, or take a task of that \
+                 size: {}",
+                task.id(),
+                task.n_agents(),
+                others.join(", ")
+            ),
+        })
     }
 
     fn find_links(&self, task: &Task) -> Result<Links> {
         Ok(match (self.p, self.drop, self.links.as_deref()) {
             (Some(p), _, _) => Links::Level(p),
-            (_, Some(drop), _) => Links::Level(1.0 - drop),
+            (_, Some(drop), _) => Links::Level(complement(drop)),
             (_, _, None) => Links::Level(1.0),
             (_, _, Some("uniform")) => Links::Uniform,
             (_, _, Some("asymmetric")) => Links::Asymmetric,

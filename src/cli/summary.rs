@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::agents::{AgentSettings, PolicySource};
 use crate::bus::Wait;
-use crate::link::Links;
+use crate::link::{Links, complement};
 use crate::nn::Meta;
 use crate::supervisor::{Audit, Statistics};
 use crate::world::Task;
@@ -42,7 +42,7 @@ impl Summary<'_> {
     fn link_words(&self) -> String {
         match self.links {
             Links::Level(p) => {
-                format!("p = {} (probability of delivery), drop = {}", short(*p), short(1.0 - p))
+                format!("p = {} (probability of delivery), drop = {}", p, complement(*p))
             }
             Links::Matrix(_) => "links by a communication matrix (p = C[i][j], drop = 1 - p)".to_owned(),
             Links::Uniform => "p ~ U(0, 1) per episode, drop = 1 - p".to_owned(),
@@ -106,7 +106,7 @@ impl Summary<'_> {
             "wait": self.wait,
             "links": self.links.name(),
             "p": p,
-            "drop": p.map(|p| short(1.0 - p)),
+            "drop": p.map(complement),
             "matrix": self.links.matrix(),
             "comm_at_t0": self.comm_at_t0,
             "policy": settings.policy.to_string(),
@@ -133,11 +133,6 @@ impl Summary<'_> {
 /// A quantile of the tick time in microseconds, to the nanosecond it is known to.
 fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
     statistics.tick_time(quantile).as_nanos() as f64 / 1e3
-}
-
-/// A probability without the noise of 1 - 0.8.
-fn short(p: f64) -> f64 {
-    (p * 1e12).round() / 1e12
 }
 
 fn counted(n: u64, what: &str) -> String {

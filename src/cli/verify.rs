@@ -53,12 +53,15 @@ impl Verify {
             skipped.map(|(file, what)| format!("skipped {}: {what}\n", file.display())).collect();
         let rows = if report.comparisons.is_empty() { String::new() } else { rows };
         print(&format!("{rows}{skipped}"))?;
-        let (total, failed) =
-            (report.comparisons.len(), report.comparisons.iter().filter(|c| !c.holds()).count());
-        match (total, failed) {
-            (0, _) => Err(failed!("nothing was compared: no recording or trace found")),
-            (_, 0) => print(&format!("all {total} comparisons hold\n")),
-            _ => Err(failed!("{failed} of {total} comparisons do not hold")),
+        for (_, error) in &report.failed {
+            print(&format!("FAIL {error}\n"))?;
+        }
+        let total = report.comparisons.len() + report.failed.len();
+        let held = report.comparisons.iter().filter(|comparison| comparison.holds()).count();
+        match report.holds() {
+            true => print(&format!("all {total} comparisons hold\n")),
+            false if total == 0 => Err(failed!("nothing was compared: no recording or trace found")),
+            false => Err(failed!("{} of {total} comparisons do not hold", total - held)),
         }
     }
 }

@@ -28,6 +28,12 @@ pub enum Links {
     Dynamic,
 }
 
+/// 1 - p without the noise of the subtraction, so that a drop of 0.8 is a p of 0.2 and no neighbour of it.
+pub fn complement(p: f64) -> f64 {
+    const DIGITS: f64 = 1e12;
+    ((1.0 - p) * DIGITS).round() / DIGITS
+}
+
 impl Links {
     /// The name of the mode.
     pub fn name(&self) -> &'static str {
@@ -144,6 +150,11 @@ mod tests {
         let rate = f64::from(delivered) / f64::from(total);
         let sigma = (expected * (1.0 - expected) / f64::from(total)).sqrt();
         assert!((rate - expected).abs() <= 5.0 * sigma, "{links:?}: {rate} is not {expected}");
+    }
+
+    #[test]
+    fn a_drop_is_the_p_it_means() {
+        assert_eq!([0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0].map(complement), [1.0, 0.8, 0.6, 0.4, 0.2, 0.1, 0.0]);
     }
 
     #[test]

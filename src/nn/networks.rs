@@ -5,6 +5,10 @@ use crate::rng::MAX_AGENTS;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
+/// Imputers that need no network, so no predictor can be called like one: what is not received counts as
+/// zero, or as what was received last.
+const RULES: [&str; 2] = ["zero", "hold"];
+
 /// The networks of a policy: the actors of all agents and any number of predictors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Networks {
@@ -160,6 +164,11 @@ impl Networks {
             if name.is_empty() || !name.chars().all(allowed) {
                 return Err(format!(
                     "a predictor is called {name:?}, expected lower-case letters, digits and dashes"
+                ));
+            }
+            if RULES.contains(&&name[..]) {
+                return Err(format!(
+                    "a predictor is called {name:?}, which names an imputer without a network"
                 ));
             }
             if self.predictors[..at].iter().any(|other| other.name == *name) {

@@ -61,9 +61,11 @@ impl Predictor {
 }
 
 impl LstmState {
-    /// Starts a new episode in every row.
-    pub fn reset(&mut self) {
-        self.hidden.fill(0.0);
-        self.cell.fill(0.0);
+    /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
+    pub fn start(&mut self, predictor: &Predictor, rows: usize) {
+        for part in [&mut self.hidden, &mut self.cell] {
+            part.clear();
+            part.resize(rows * predictor.spec.hidden, 0.0);
+        }
     }
 }

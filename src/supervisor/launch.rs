@@ -1,7 +1,6 @@
 //! Agent processes: started by running this very program again, watched, and always reaped.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
@@ -70,7 +69,9 @@ impl AgentProcess {
             _ => format!("ended: {status}"),
         };
         let last_words = self.stderr.take().and_then(|thread| thread.join().ok()).flatten();
-        let last_words = last_words.map(|line| format!("; it said: {line}")).unwrap_or_default();
+        let last_words = last_words
+            .map(|line| format!("; it said: {}", line.trim_start_matches("error: ")))
+            .unwrap_or_default();
         failed!("agent-{} (process {}) {how}{last_words}", self.index, self.child.id())
     }
 }
@@ -98,8 +99,10 @@ pub(super) fn reap(agents: &mut Vec<AgentProcess>) {
 /// Copies an agent's stderr to ours, line by line, with its name in front.
 fn pass_on(index: usize, stderr: ChildStderr) -> Option<String> {
     let mut last = None;
-    for line in BufReader::new(File::from(std::os::fd::OwnedFd::from(stderr))).lines().map_while(|l| l.ok()) {
-        eprintln!("[agent-{index}] {line}");
+    for line in BufReader::new(stderr).split(b'\n').map_while(|line| line.ok()) {
+        let line = String::from_utf8_lossy(&line).into_owned();
+        // Where stderr cannot be written the line is still told when the agent fails.
+        let _ = writeln!(std::io::stderr(), "[agent-{index}] {line}");
         last = Some(line);
     }
     last

@@ -23,11 +23,22 @@ pub fn install() -> Result<()> {
     let handle = |signal, flag: &Arc<AtomicBool>| {
         flag::register(signal, flag.clone()).map_err(|e| failed!("cannot handle signal {signal}: {e}"))
     };
+    let ignored = ignored_signals();
     for signal in [SIGINT, SIGTERM, SIGHUP] {
-        handle(signal, &flags.stop)?;
+        // Whoever started us under `nohup` means it.
+        if ignored >> (signal - 1) & 1 == 0 {
+            handle(signal, &flags.stop)?;
+        }
     }
     handle(SIGCHLD, &flags.child_ended)?;
     Ok(())
+}
+
+/// The signals that were ignored when the program started, bit n for signal n + 1.
+fn ignored_signals() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
 }
 
 /// An error if the program was asked to stop.

@@ -1,21 +1,27 @@
 //! Recomputing recorded episodes: what was recorded, what comes out here, and how far apart they are.
 
+mod kind;
 mod trace;
 mod world;
 
+use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
+
+pub use kind::FileKind;
 
 use crate::agents::PolicySource;
 use crate::error::{Error, Result};
 use crate::recording::Recording;
 
 /// What verification found.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Report {
     /// One entry per file and thing compared.
     pub comparisons: Vec<Comparison>,
     /// Files of a kind that is not verified, and what they are.
     pub skipped: Vec<(PathBuf, String)>,
+    /// Files in folders that could not be verified, and why.
+    pub failed: Vec<(PathBuf, Error)>,
 }
 
 /// A number of values compared with what was recorded.
@@ -45,7 +51,9 @@ impl Comparison {
 impl Report {
     /// Whether something was compared and all of it agreed.
     pub fn holds(&self) -> bool {
-        !self.comparisons.is_empty() && self.comparisons.iter().all(Comparison::holds)
+        !self.comparisons.is_empty()
+            && self.failed.is_empty()
+            && self.comparisons.iter().all(Comparison::holds)
     }
 }
 
@@ -54,77 +62,62 @@ impl Report {
 pub fn verify(paths: &[PathBuf], policy: Option<&PolicySource>) -> Result<Report> {
     let mut report = Report::default();
     for path in paths {
-        for file in files_below(path)? {
-            verify_file(&file, policy, &mut report)?;
+        if path.is_dir() {
+            verify_folder(path, policy, &mut report)?;
+        } else {
+            let kind = FileKind::of(path)?;
+            if kind == FileKind::Unknown {
+                report.skipped.push((path.clone(), "not a recording or trace".to_owned()));
+            }
+            verify_file(path, kind, policy, &mut report)?;
         }
     }
     Ok(report)
 }
 
-fn verify_file(file: &Path, policy: Option<&PolicySource>, report: &mut Report) -> Result<()> {
-    match kind_of(file)? {
-        Kind::Recording => {
+/// Verifies all below a folder, in order. A file that cannot be read does not hide the others.
+fn verify_folder(folder: &Path, policy: Option<&PolicySource>, report: &mut Report) -> Result<()> {
+    let unreadable = |e: std::io::Error| Error::io("read", folder, e);
+    let entries = std::fs::read_dir(folder).map_err(unreadable)?;
+    let mut entries: Vec<DirEntry> = entries.collect::<std::io::Result<_>>().map_err(unreadable)?;
+    entries.sort_by_key(DirEntry::path);
+    for entry in entries {
+        let path = entry.path();
+        // A link to a folder may lead back up.
+        if entry.file_type().map_err(unreadable)?.is_dir() {
+            verify_folder(&path, policy, report)?;
+        } else if path.is_file() {
+            let verified = FileKind::of(&path).and_then(|kind| verify_file(&path, kind, policy, report));
+            if let Err(error) = verified {
+                report.failed.push((path, error));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn verify_file(
+    file: &Path,
+    kind: FileKind,
+    policy: Option<&PolicySource>,
+    report: &mut Report,
+) -> Result<()> {
+    let mut skip = |what: &str| report.skipped.push((file.to_owned(), what.to_owned()));
+    match kind {
+        FileKind::Recording => {
             let recording = Recording::read(file)?;
             report.comparisons.extend(world::compare(file, &recording)?);
             if recording.is_trace() {
                 report.comparisons.extend(trace::compare(file, &recording, policy)?);
             }
         }
-        Kind::Other(what) => report.skipped.push((file.to_owned(), what)),
-        Kind::Companion => {}
+        FileKind::Json(Some(kind)) => skip(&format!("{kind}: not verified by this version")),
+        FileKind::Json(None) => skip("JSON, but not a recording or trace"),
+        FileKind::Tensors => skip("tensors: not verified by this version"),
+        // Policies are verified along with the trace beside them.
+        FileKind::Policy | FileKind::StateDict | FileKind::Unknown => {}
     }
     Ok(())
-}
-
-/// What a file is, told by its content.
-enum Kind {
-    Recording,
-    /// A policy: verified along with the trace beside it.
-    Companion,
-    Other(String),
-}
-
-fn kind_of(file: &Path) -> Result<Kind> {
-    let extension = file.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    match extension {
-        "json" => {
-            let bytes = std::fs::read(file).map_err(|e| Error::io("read", file, e))?;
-            let json: serde_json::Value = serde_json::from_slice(&bytes)
-                .map_err(|e| Error::io("read", file, format!("not JSON: {e}")))?;
-            Ok(match json.get("kind").and_then(|kind| kind.as_str()) {
-                _ if json.get("episodes").is_some() => Kind::Recording,
-                Some(kind) => Kind::Other(format!("{kind}: not verified by this version")),
-                None => Kind::Other("not a recording or trace".to_owned()),
-            })
-        }
-        "th" => Ok(Kind::Companion),
-        "safetensors" if crate::nn::PolicyFile::read(file).is_ok() => Ok(Kind::Companion),
-        "safetensors" => Ok(Kind::Other("tensors: not verified by this version".to_owned())),
-        _ => Ok(Kind::Other("not a recording or trace".to_owned())),
-    }
-}
-
-/// The file itself, or the files below a folder that could be of ours, in order.
-fn files_below(path: &Path) -> Result<Vec<PathBuf>> {
-    if !path.is_dir() {
-        return match path.metadata() {
-            Ok(_) => Ok(vec![path.to_owned()]),
-            Err(e) => Err(Error::open(path, e)),
-        };
-    }
-    let entries = std::fs::read_dir(path).map_err(|e| Error::io("read", path, e))?;
-    let mut entries: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    entries.sort();
-    let mut files = Vec::new();
-    for entry in entries {
-        let extension = entry.extension().and_then(|e| e.to_str());
-        if entry.is_dir() {
-            files.extend(files_below(&entry)?);
-        } else if matches!(extension, Some("json" | "safetensors" | "th")) {
-            files.push(entry);
-        }
-    }
-    Ok(files)
 }
 
 /// Collects deviations of one kind.

@@ -117,6 +117,9 @@ fn compare_state(world: &World, episode: &Episode, step: usize, deviations: &mut
 
 /// A recorded observation may be without its padding, which is zero.
 fn compare_observation(found: &[f32], recorded: &[f32], deviations: &mut Deviations) {
+    if recorded.len() > found.len() {
+        deviations.push(f64::INFINITY);
+    }
     let padded = recorded.iter().copied().chain(std::iter::repeat(0.0));
     found.iter().zip(padded).for_each(|(found, recorded)| deviations.push(ulps(*found, recorded)));
 }

@@ -3,7 +3,7 @@
 //! A [`Task`] says who lives in a world and what they are paid for, [`Physics`] how bodies move, and a
 //! [`World`] is one episode under way. Lengths are metres, times seconds, masses kilograms; the state is
 //! `f64`, what agents observe is `f32`. The rules are those of the reference environments the paper trains
-//! on, down to the last bits: `tests/worlds.rs` replays episodes recorded from them.
+//! on, down to the last bits: `tests/verify.rs` replays episodes recorded from them.
 
 mod hear_see;
 mod names;

@@ -58,10 +58,11 @@ pub struct Swarm {
 }
 
 impl Swarm {
-    /// Starts a swarm that plays for a long time and waits until its agents listen.
+    /// Starts a swarm and waits until its agents listen. It plays for long unless `words` say otherwise.
     pub fn start(words: &str) -> Swarm {
-        let mut command = command(&format!("spawn --episodes 10000000 {words}"));
-        let supervisor = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let episodes = if words.contains("--episodes") { "" } else { "--episodes 10000000" };
+        let mut command = command(&format!("spawn {episodes} {words}"));
+        let supervisor = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let process = supervisor.id();
         let mut swarm = Swarm { supervisor: Some(supervisor), agents: Vec::new(), tag: String::new() };
         let deadline = Instant::now() + Duration::from_secs(30);
@@ -85,10 +86,10 @@ impl Swarm {
         kill_process(Pid::from_child(self.supervisor.as_ref().unwrap()), signal).unwrap();
     }
 
-    /// Waits for the supervisor to end; its exit code and what it wrote to stderr.
-    pub fn wait(mut self) -> (Option<i32>, String) {
+    /// Waits for the supervisor to end; its exit code, stdout and stderr.
+    pub fn wait(mut self) -> (Option<i32>, String, String) {
         let output = self.supervisor.take().unwrap().wait_with_output().unwrap();
-        (output.status.code(), stderr(&output))
+        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned(), stderr(&output))
     }
 }
 
@@ -104,11 +105,16 @@ impl Drop for Swarm {
 /// Fails if anything of a swarm is still on the machine.
 pub fn assert_gone(agents: &[Pid], tag: &str) {
     for agent in agents {
-        let status = std::fs::read_to_string(format!("/proc/{}/stat", agent.as_raw_nonzero()));
-        assert!(status.is_err(), "agent {agent:?} is still there: {status:?}");
+        assert!(!is_running(*agent), "agent {agent:?} is still there");
     }
     assert_eq!(shared_memory(tag), Vec::<String>::new());
     assert!(!root(tag).exists(), "{} is still there", root(tag).display());
+}
+
+/// Whether a process is there and has not ended; one that only waits to be reaped has.
+pub fn is_running(process: Pid) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.as_raw_nonzero()));
+    stat.is_ok_and(|stat| !stat.contains(") Z "))
 }
 
 /// The directory of a swarm.

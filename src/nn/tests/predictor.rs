@@ -68,13 +68,15 @@ fn a_row_is_the_same_bits_alone_and_among_others() {
 }
 
 #[test]
-fn a_reset_state_is_a_new_one() {
+fn a_state_that_starts_again_is_a_new_one() {
     let policy = policy(ActorKind::Mlp, Sharing::Separate);
     let predictor = policy.predictor("maro").unwrap();
     let mut state = predictor.state(2);
     let mut out = vec![0.0; 4 * policy.dims().predicted];
     predictor.step(2, &numbers(1, 14), &mut state, &mut Scratch::default(), &mut out);
     assert_ne!(state, predictor.state(2));
-    state.reset();
-    assert_eq!(state, predictor.state(2));
+    for rows in [2, 1, 3] {
+        state.start(predictor, rows);
+        assert_eq!(state, predictor.state(rows));
+    }
 }

@@ -1,8 +1,9 @@
-//! Stepping and observing a world allocate nothing: a test binary of its own, for its own allocator.
+//! Worlds and networks allocate nothing while they run: a test binary of its own, for its own allocator.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
+use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::world::{EPISODE_STEPS, Task, World};
 
 thread_local! {
@@ -52,5 +53,26 @@ fn an_episode_allocates_nothing() {
             }
         });
         assert_eq!(counted, 0, "{}", task.id());
+    }
+}
+
+#[test]
+fn running_networks_allocates_nothing_after_the_first_pass() {
+    let dims = Dims { task: "toy".to_string(), n_agents: 4, joint: 24, predicted: 16, n_actions: 5 };
+    for (actor, sharing) in [(ActorKind::Mlp, Sharing::Separate), (ActorKind::Gru, Sharing::Shared)] {
+        let networks = Networks { sharing, ..Networks::paper(actor) };
+        let policy = Policy::untrained(&dims, 1, networks).unwrap();
+        let (actor, predictor) = (policy.actor(3), policy.predictor("value-aware").unwrap());
+        let rows = 10;
+        let inputs = vec![0.5; rows * dims.joint];
+        let (mut hidden, mut state) = (vec![0.0; rows * actor.state_len()], predictor.state(rows));
+        let (mut logits, mut out) = (vec![0.0; rows * dims.n_actions], vec![0.0; rows * 2 * dims.predicted]);
+        let mut scratch = Scratch::default();
+        let mut tick = || {
+            actor.forward(rows, &inputs, &mut hidden, &mut scratch, &mut logits);
+            predictor.step(rows, &inputs, &mut state, &mut scratch, &mut out);
+        };
+        tick();
+        assert_eq!(allocations(|| (0..5).for_each(|_| tick())), 0);
     }
 }

@@ -1,0 +1,96 @@
+//! What a file is, told by its content.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use crate::error::{Error, Result};
+use crate::nn::PolicyFile;
+
+/// The kinds of file the program knows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A recording or a trace.
+    Recording,
+    /// A policy file.
+    Policy,
+    /// A state dict of PyTorch, which `import` reads.
+    StateDict,
+    /// Other JSON, and what it says it is.
+    Json(Option<String>),
+    /// Other tensors.
+    Tensors,
+    /// Anything else.
+    Unknown,
+}
+
+impl FileKind {
+    /// The kind of the file at `path`.
+    pub fn of(path: &Path) -> Result<FileKind> {
+        let mut beginning = [0; 9];
+        let read = File::open(path).and_then(|mut file| read_up_to(&mut file, &mut beginning));
+        let beginning = &beginning[..read.map_err(|e| Error::open(path, e))?];
+        Ok(match beginning {
+            [b'P', b'K', 3, 4, ..] => FileKind::StateDict,
+            // The length of a safetensors header, then the header.
+            [.., b'{'] if beginning.len() == 9 => match PolicyFile::read(path) {
+                Ok(_) => FileKind::Policy,
+                Err(_) => FileKind::Tensors,
+            },
+            _ if beginning.trim_ascii_start().first() == Some(&b'{') => FileKind::of_json(path)?,
+            _ => FileKind::Unknown,
+        })
+    }
+
+    fn of_json(path: &Path) -> Result<FileKind> {
+        #[derive(Deserialize)]
+        struct Probe {
+            kind: Option<String>,
+            episodes: Option<IgnoredAny>,
+        }
+        let bytes = std::fs::read(path).map_err(|e| Error::open(path, e))?;
+        let probe: Probe = serde_json::from_slice(&bytes)
+            .map_err(|e| Error::io("read", path, format!("damaged JSON: {e}")))?;
+        Ok(if probe.episodes.is_some() { FileKind::Recording } else { FileKind::Json(probe.kind) })
+    }
+}
+
+fn read_up_to(file: &mut File, buffer: &mut [u8]) -> std::io::Result<usize> {
+    let mut filled = 0;
+    loop {
+        match file.read(&mut buffer[filled..])? {
+            0 => return Ok(filled),
+            read => filled += read,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_do_not_matter() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        let mut tensors = 2u64.to_le_bytes().to_vec();
+        tensors.extend(b"{}");
+        for (content, kind) in [
+            (&b" {\"episodes\": []}"[..], FileKind::Recording),
+            (b"{\"kind\": \"update\"}", FileKind::Json(Some("update".to_owned()))),
+            (b"{\"a\": 1, \"b\": 2}", FileKind::Json(None)),
+            (b"PK\x03\x04 and so on", FileKind::StateDict),
+            (&tensors, FileKind::Tensors),
+            (b"hello", FileKind::Unknown),
+            (b"", FileKind::Unknown),
+        ] {
+            std::fs::write(&path, content).unwrap();
+            assert_eq!(FileKind::of(&path).unwrap(), kind);
+        }
+        std::fs::write(&path, "{\"episodes\": [").unwrap();
+        assert!(FileKind::of(&path).is_err());
+    }
+}
