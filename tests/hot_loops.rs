@@ -1,8 +1,11 @@
-//! Stepping and observing a world allocate nothing: a test binary of its own, for its own allocator.
+//! What runs millions of times allocates nothing: a test binary of its own, for its own allocator.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
+use vamaro_swarm::agents::dims;
+use vamaro_swarm::nn::ActorKind;
+use vamaro_swarm::train::{Batch, Settings, Team};
 use vamaro_swarm::world::{EPISODE_STEPS, Task, World};
 
 thread_local! {
@@ -50,6 +53,30 @@ fn an_episode_allocates_nothing() {
                 (0..actions.len()).for_each(|agent| world.observe(agent, &mut observation));
                 std::hint::black_box((world.team_reward(), &observation));
             }
+        });
+        assert_eq!(counted, 0, "{}", task.id());
+    }
+}
+
+#[test]
+fn an_update_allocates_nothing_once_warm() {
+    for (kind, task) in [(ActorKind::Mlp, "hear-see"), (ActorKind::Gru, "spread-xy-4")] {
+        let task = Task::parse(task).unwrap();
+        let (n, episodes, steps) = (task.n_agents(), 3, EPISODE_STEPS);
+        let batch = Batch {
+            episodes,
+            steps,
+            observations: vec![0.5; (steps + 1) * episodes * n * task.padded_obs_dim()],
+            joint: vec![0.5; (steps + 1) * episodes * task.joint_dim()],
+            actions: vec![1; steps * episodes * n],
+            rewards: (0..steps * episodes).map(|at| at as f32).collect(),
+        };
+        let available = vec![5; n];
+        let settings = Settings::paper(kind);
+        let mut team = Team::untrained(settings, &dims(&task), task.padded_obs_dim(), &available, 1, 1);
+        team.update(&batch, None);
+        let counted = allocations(|| {
+            std::hint::black_box(team.update(&batch, None));
         });
         assert_eq!(counted, 0, "{}", task.id());
     }
