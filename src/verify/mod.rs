@@ -1,6 +1,7 @@
-//! Recomputing recorded episodes: what was recorded, what comes out here, and how far apart they are.
+//! Recomputing recorded episodes and updates: what was recorded, what comes out here, and how far apart they are.
 
 mod trace;
+mod update;
 mod world;
 
 use std::path::{Path, PathBuf};
@@ -48,7 +49,7 @@ impl Report {
     }
 }
 
-/// Verifies recordings and traces, in files or below folders. Traces are run with `policy`, or with the
+/// Verifies recordings, traces and updates, in files or below folders. Traces are run with `policy`, or with the
 /// policy beside them.
 pub fn verify(paths: &[PathBuf], policy: Option<&PolicySource>) -> Result<Report> {
     let mut report = Report::default();
@@ -69,6 +70,7 @@ fn verify_file(file: &Path, policy: Option<&PolicySource>, report: &mut Report) 
                 report.comparisons.extend(trace::compare(file, &recording, policy)?);
             }
         }
+        Kind::Updates => report.comparisons.extend(update::compare(file)?),
         Kind::Other(what) => report.skipped.push((file.to_owned(), what)),
         Kind::Companion => {}
     }
@@ -78,7 +80,9 @@ fn verify_file(file: &Path, policy: Option<&PolicySource>, report: &mut Report) 
 /// What a file is, told by its content.
 enum Kind {
     Recording,
-    /// A policy: verified along with the trace beside it.
+    /// What the updates beside it were made with.
+    Updates,
+    /// A policy or an update: verified along with the trace or the `config.json` beside it.
     Companion,
     Other(String),
 }
@@ -92,14 +96,16 @@ fn kind_of(file: &Path) -> Result<Kind> {
                 .map_err(|e| Error::io("read", file, format!("not JSON: {e}")))?;
             Ok(match json.get("kind").and_then(|kind| kind.as_str()) {
                 _ if json.get("episodes").is_some() => Kind::Recording,
+                Some("update") => Kind::Updates,
                 Some(kind) => Kind::Other(format!("{kind}: not verified by this version")),
-                None => Kind::Other("not a recording or trace".to_owned()),
+                None => Kind::Other("not a recording, trace or update".to_owned()),
             })
         }
         "th" => Ok(Kind::Companion),
         "safetensors" if crate::nn::PolicyFile::read(file).is_ok() => Ok(Kind::Companion),
-        "safetensors" => Ok(Kind::Other("tensors: not verified by this version".to_owned())),
-        _ => Ok(Kind::Other("not a recording or trace".to_owned())),
+        "safetensors" if file.with_file_name("config.json").exists() => Ok(Kind::Companion),
+        "safetensors" => Ok(Kind::Other("tensors without a config.json beside them".to_owned())),
+        _ => Ok(Kind::Other("not a recording, trace or update".to_owned())),
     }
 }
 
