@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::failed;
 use crate::verify::{Comparison, verify};
 
-/// Recompute recordings and traces and compare
+/// Recompute recordings, traces and updates and compare
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -18,7 +18,7 @@ Examples:
 
 Exit code 0 only if something was compared and all of it agrees.")]
 pub struct Verify {
-    /// Recordings, traces, or folders that hold some
+    /// Recordings, traces, the config.json of updates, or folders that hold some
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 
@@ -51,7 +51,7 @@ impl Verify {
         let (total, failed) =
             (report.comparisons.len(), report.comparisons.iter().filter(|c| !c.holds()).count());
         match (total, failed) {
-            (0, _) => Err(failed!("nothing was compared: no recording or trace found")),
+            (0, _) => Err(failed!("nothing was compared: no recording, trace or update found")),
             (_, 0) => print(&format!("all {total} comparisons hold\n")),
             _ => Err(failed!("{failed} of {total} comparisons do not hold")),
         }

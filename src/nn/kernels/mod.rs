@@ -192,13 +192,15 @@ pub fn lstm_backward(
 /// The sum of the squares of `values`, in an order of its own that is always the same.
 pub fn sum_of_squares(values: &[f32]) -> f64 {
     const LANES: usize = 16;
-    // Short runs in f32, each in as many sums as a vector has lanes, added up in f64.
+    // Short runs in f32, each in sums side by side, which the compiler makes vectors; added up in f64.
     let run = |values: &[f32]| {
+        let (chunks, rest) = values.as_chunks::<LANES>();
         let mut sums = [0.0f32; LANES];
-        for chunk in values.chunks(LANES) {
+        for chunk in chunks {
             sums.iter_mut().zip(chunk).for_each(|(sum, value)| *sum += value * value);
         }
-        sums.iter().map(|&sum| f64::from(sum)).sum::<f64>()
+        let rest = rest.iter().map(|value| value * value);
+        sums.into_iter().chain(rest).map(f64::from).sum::<f64>()
     };
     values.chunks(64 * LANES).map(run).sum()
 }
