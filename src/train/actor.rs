@@ -25,6 +25,8 @@ pub struct Actor {
     pub(super) loss: f64,
     /// The mean entropy of its policy, nat.
     pub(super) entropy: f64,
+    /// The square of the norm of its gradient.
+    pub(super) squared_norm: f64,
 }
 
 /// Keeps the logarithm of a probability finite.
@@ -44,6 +46,7 @@ impl Actor {
             d: Buffer::default(),
             loss: 0.0,
             entropy: 0.0,
+            squared_norm: 0.0,
         }
     }
 
@@ -106,6 +109,7 @@ impl Actor {
         let count = (batch.steps * rows) as f64;
         (self.loss, self.entropy) = (loss / count, entropies / count);
         self.network.backward(values, batch.steps, rows, &self.x, &self.d, gradient);
+        self.squared_norm = self.parameters.squared_norm();
     }
 }
 

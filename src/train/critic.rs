@@ -27,6 +27,8 @@ pub struct Critic {
     d: Buffer,
     /// The mean of the squared advantages, over its agents.
     pub(super) loss: f64,
+    /// The square of the norm of its gradient.
+    pub(super) squared_norm: f64,
 }
 
 impl Critic {
@@ -58,6 +60,7 @@ impl Critic {
             advantages: Buffer::default(),
             d: Buffer::default(),
             loss: 0.0,
+            squared_norm: 0.0,
         }
     }
 
@@ -94,6 +97,7 @@ impl Critic {
         self.loss = sum / rows as f64;
         let Parameters { values, gradient, .. } = &mut self.parameters;
         self.network.backward(values, rows, x, &self.d, gradient);
+        self.squared_norm = self.parameters.squared_norm();
     }
 
     /// The target becomes the critic.

@@ -4,7 +4,7 @@ use super::actor::Actor;
 use super::batch::{Batch, Trajectories};
 use super::critic::Critic;
 use super::memory::Buffer;
-use super::parameters::{Parameters, clip_scale};
+use super::parameters::clip_scale;
 use super::predictor::Predictor;
 use super::returns::standardise;
 use super::settings::Settings;
@@ -27,7 +27,7 @@ pub struct Team {
     threads: usize,
     updates: u64,
     rewards: Buffer,
-    /// Of the epoch before, `[T, E, agents]`.
+    /// Of the critics' last epoch, `[T, E, agents]`.
     advantages: Buffer,
     losses: Losses,
 }
@@ -49,10 +49,10 @@ pub struct Losses {
     pub predictors: Vec<Option<f64>>,
 }
 
-/// A network's turn in a round.
+/// A network's turn in a round; actors and critics know which epoch they are in.
 enum Turn<'a> {
-    Actor(&'a mut Actor),
-    Critic(&'a mut Critic),
+    Actor(&'a mut Actor, usize),
+    Critic(&'a mut Critic, usize),
     Predictor(&'a mut Predictor, &'a mut Option<f64>),
 }
 
@@ -101,19 +101,21 @@ impl Team {
     /// One update of everything on the episodes of `batch`, and of predictors that learn from replayed episodes
     /// on `replay`.
     ///
-    /// Every epoch is a step of the critics, then one of the actors. The critics' steps need nothing of the
-    /// actors, so they go one epoch ahead: in round k critics take epoch k while actors take epoch k - 1 on
-    /// its advantages. The predictors learn in the last round, when the last advantages are there.
+    /// An epoch is a step of the critics, then one of the actors on the advantages that the critics had before.
+    /// Gradients are clipped together, so a network has to wait for its like between gradient and step; but
+    /// critics need nothing of the actors. So a round is one turn of every network: the step that its last
+    /// gradient asks for, then the next gradient, with the actors one epoch behind. The predictors have their
+    /// turn when the last advantages are there.
     pub fn update(&mut self, batch: &Batch, replay: Option<Trajectories>) -> &Losses {
         batch.check(self.available.len(), self.joint);
         self.rewards.resize(batch.rewards.len()).copy_from_slice(&batch.rewards);
         if self.settings.standardise_rewards {
             standardise(&mut self.rewards);
         }
-        for round in 0..=self.settings.epochs {
-            self.differentiate(round, batch, replay);
-            self.collect_advantages(batch);
-            self.step(round);
+        // The critics' last step is in round `epochs`, the actors' in the one after it.
+        for round in 0..=self.settings.epochs + 1 {
+            self.take_turns(round, batch, replay);
+            self.meet(batch);
         }
         self.updates += 1;
         if self.updates.is_multiple_of(self.settings.target_interval) {
@@ -128,32 +130,41 @@ impl Team {
         &self.advantages
     }
 
-    /// The gradients of one round, network by network.
-    fn differentiate(&mut self, round: usize, batch: &Batch, replay: Option<Trajectories>) {
-        let Team { settings, available, rewards, advantages, .. } = self;
-        let (settings, available, rewards, advantages) =
-            (&*settings, &available[..], &rewards[..], &advantages[..]);
-        let (first, last) = (round == 0, round == settings.epochs);
+    /// One round: the turns of all networks, side by side.
+    fn take_turns(&mut self, round: usize, batch: &Batch, replay: Option<Trajectories>) {
+        let Settings { epochs, learning_rate, largest_gradient, .. } = self.settings;
+        let actor_scale = clip_scale(self.losses.actor_gradient, largest_gradient);
+        let critic_scale = clip_scale(self.losses.critic_gradient, largest_gradient);
+        let (settings, available) = (&self.settings, &self.available[..]);
+        let (rewards, advantages) = (&self.rewards[..], &self.advantages[..]);
+
         // Whoever takes longest begins.
-        let predictors = self.predictors.iter_mut().zip(&mut self.losses.predictors).filter(|_| last);
-        let actors = self.actors.iter_mut().filter(|_| !first);
-        let critics = self.critics.iter_mut().filter(|_| !last);
+        let predictors = self.predictors.iter_mut().zip(&mut self.losses.predictors);
+        let predictors = predictors.filter(|_| round == epochs);
+        let actors = self.actors.iter_mut().filter(|_| round >= 1);
+        let critics = self.critics.iter_mut().filter(|_| round <= epochs);
         let turns = predictors
             .map(|(predictor, loss)| Turn::Predictor(predictor, loss))
-            .chain(actors.map(Turn::Actor))
-            .chain(critics.map(Turn::Critic));
+            .chain(actors.map(|actor| Turn::Actor(actor, round - 1)))
+            .chain(critics.map(|critic| Turn::Critic(critic, round)));
         side_by_side(self.threads, turns, |turn| match turn {
-            Turn::Critic(critic) => {
-                if first {
-                    critic.begin(settings, available.len(), batch, rewards);
+            Turn::Critic(critic, epoch) => {
+                match epoch {
+                    0 => critic.begin(settings, available.len(), batch, rewards),
+                    _ => critic.parameters.step(learning_rate, critic_scale),
                 }
-                critic.differentiate(batch.actions.len());
+                if epoch < epochs {
+                    critic.differentiate(batch.actions.len());
+                }
             }
-            Turn::Actor(actor) => {
-                if round == 1 {
-                    actor.begin(batch);
+            Turn::Actor(actor, epoch) => {
+                match epoch {
+                    0 => actor.begin(batch),
+                    _ => actor.parameters.step(learning_rate, actor_scale),
                 }
-                actor.differentiate(settings, batch, available, advantages, round == 1);
+                if epoch < epochs {
+                    actor.differentiate(settings, batch, available, advantages, epoch == 0);
+                }
             }
             Turn::Predictor(predictor, loss) => {
                 *loss = predictor.learn(batch.trajectories(), advantages, replay);
@@ -161,8 +172,8 @@ impl Team {
         });
     }
 
-    /// Brings together the advantages that each critic has for its agents.
-    fn collect_advantages(&mut self, batch: &Batch) {
+    /// Between rounds: the advantages that each critic has for its agents come together, and so do the norms.
+    fn meet(&mut self, batch: &Batch) {
         let n_agents = self.available.len();
         let advantages = self.advantages.resize(batch.actions.len());
         for critic in &self.critics {
@@ -171,27 +182,10 @@ impl Team {
                 all[critic.agents.clone()].copy_from_slice(own);
             }
         }
-    }
-
-    /// A step of every network that has a gradient of this round. Gradients are clipped together, those of all
-    /// actors and those of all critics.
-    fn step(&mut self, round: usize) {
-        let Settings { epochs, learning_rate, largest_gradient, .. } = self.settings;
+        let norm = |squares: &mut dyn Iterator<Item = f64>| squares.sum::<f64>().sqrt();
         let losses = &mut self.losses;
-        if round > 0 {
-            losses.actor_gradient = norm(self.actors.iter().map(|actor| &actor.parameters));
-        }
-        if round < epochs {
-            losses.critic_gradient = norm(self.critics.iter().map(|critic| &critic.parameters));
-        }
-        let actor_scale = clip_scale(losses.actor_gradient, largest_gradient);
-        let critic_scale = clip_scale(losses.critic_gradient, largest_gradient);
-        let actors = self.actors.iter_mut().filter(|_| round > 0);
-        let critics = self.critics.iter_mut().filter(|_| round < epochs);
-        let steps = actors
-            .map(|actor| (&mut actor.parameters, actor_scale))
-            .chain(critics.map(|critic| (&mut critic.parameters, critic_scale)));
-        side_by_side(self.threads, steps, |(parameters, scale)| parameters.step(learning_rate, scale));
+        losses.actor_gradient = norm(&mut self.actors.iter().map(|actor| actor.squared_norm));
+        losses.critic_gradient = norm(&mut self.critics.iter().map(|critic| critic.squared_norm));
     }
 
     fn note_losses(&mut self) {
@@ -204,9 +198,4 @@ impl Team {
         losses.actor = over_agents(&mut self.actors.iter().map(|a| (a.loss, a.agents.len())));
         losses.entropy = over_agents(&mut self.actors.iter().map(|a| (a.entropy, a.agents.len())));
     }
-}
-
-/// The norm of the gradients of several networks together.
-fn norm<'a>(parameters: impl Iterator<Item = &'a Parameters>) -> f64 {
-    parameters.map(Parameters::squared_norm).sum::<f64>().sqrt()
 }

@@ -88,9 +88,10 @@ impl<'a> Gradient<'a> {
     fn tail<S: Simd, const R: usize>(&mut self, simd: S, input: usize, column: usize, to: usize) {
         let (k, n) = (self.k, self.n);
         let mut sums = [simd.splat_f32s(0.0); R];
-        for (x, d) in self.x.chunks_exact(k).zip(self.d.chunks_exact(n)) {
+        for (row, x) in self.x.chunks_exact(k).enumerate() {
             let x: &[f32; R] = x[input..][..R].try_into().expect("the slice is R inputs long");
-            let d = load(simd, &d[column..to]);
+            // What lies behind the row ends up in lanes that are not stored.
+            let d = load(simd, &self.d[row * n + column..]);
             for (&x, sum) in x.iter().zip(&mut sums) {
                 *sum = simd.mul_add_e_f32s(simd.splat_f32s(x), d, *sum);
             }

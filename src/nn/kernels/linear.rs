@@ -118,8 +118,10 @@ impl<'a> Linear<'a> {
             Start::Output => load(simd, &self.y[(row + r) * n..][column..to]),
             Start::Zero => simd.splat_f32s(0.0),
         });
-        for (i, weights) in self.weight.chunks_exact(n).enumerate() {
-            let weights = load(simd, &weights[column..to]);
+        for i in 0..k {
+            // A whole vector, where there is one, is quicker to load than its part. What lies behind the row
+            // ends up in lanes that are not stored.
+            let weights = load(simd, &self.weight[i * n + column..]);
             for (x, sum) in x.iter().zip(&mut sums) {
                 *sum = simd.mul_add_e_f32s(simd.splat_f32s(x[i]), weights, *sum);
             }
