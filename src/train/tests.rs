@@ -1,9 +1,11 @@
 //! Updates against their definitions. That they are the paper's, `tests/verify.rs` shows on recorded ones.
 
-use super::memory::Flat;
+use super::batch::gather;
+use super::memory::{Buffer, Flat};
+use super::network::ActorNetwork;
 use super::returns::{returns, standardise};
 use super::*;
-use crate::nn::{ActorKind, Dims, Networks, PredictorSpec, Sharing};
+use crate::nn::{ActorKind, Dims, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
 use crate::rng::{Draws, Purpose};
 
 const N: usize = 3;
@@ -84,6 +86,35 @@ fn any_number_of_threads_comes_to_the_same_bits() {
         assert!(one.1.predictors[0].is_some() && one.1.predictors[1].is_none());
         for threads in [2, 5] {
             assert_eq!(learn(threads), one, "{kind}, {sharing}, {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn learner_and_agents_compute_the_same_bits() {
+    for (kind, sharing) in kinds() {
+        let settings = settings(kind, sharing);
+        let (team, batch) = (team(settings.clone(), 1), batch(1));
+        let actors = team.actors.iter().flat_map(|actor| actor.parameters.tensors());
+        let predictors = team.predictors.iter().flat_map(|predictor| predictor.parameters.tensors());
+        let values: Vec<f32> = actors.chain(predictors).flat_map(|(_, values)| values).copied().collect();
+        let policy = Policy::new(&dims(), Meta::new("toy", 0), settings.networks.clone(), &values).unwrap();
+        for agent in 0..N {
+            let weights = &team.actors[agent.min(team.actors.len() - 1)].parameters.values;
+            let mut x = Buffer::default();
+            gather(&batch.joint, 1, dims().joint, &(agent..agent + 1), sharing.id_len(&dims()), &mut x);
+            let mut network = ActorNetwork::new(kind);
+            let learned = network.forward(weights, batch.steps + 1, batch.episodes, &x);
+
+            let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
+            let mut hidden = vec![0.0; batch.episodes * actor.state_len()];
+            let mut logits = vec![0.0; batch.episodes * dims().n_actions];
+            let steps = batch.joint.chunks_exact(batch.episodes * dims().joint);
+            for (inputs, learned) in steps.zip(learned.chunks_exact(logits.len())) {
+                actor.forward(batch.episodes, inputs, &mut hidden, &mut scratch, &mut logits);
+                let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+                assert_eq!(bits(&logits), bits(learned), "{kind}, {sharing}, agent {agent}");
+            }
         }
     }
 }
