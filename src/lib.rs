@@ -20,7 +20,8 @@
 //! | [`agents`] | the agent's side: inbox, imputer, policy, process |
 //! | [`recording`] | recorded episodes |
 //! | [`supervisor`] | launches agents, plays episodes in lockstep, watches and reaps |
-//! | [`verify`] | recomputes recorded episodes |
+//! | [`train`] | how a team learns: actors, critics, predictors, one update |
+//! | [`verify`] | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
 
 #![warn(clippy::unwrap_used)]
@@ -37,5 +38,6 @@ pub mod recording;
 pub mod rng;
 pub mod stats;
 pub mod supervisor;
+pub mod train;
 pub mod verify;
 pub mod world;

@@ -1,9 +1,11 @@
-//! Worlds and networks allocate nothing while they run: a test binary of its own, for its own allocator.
+//! What runs millions of times allocates nothing: a test binary of its own, for its own allocator.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
+use vamaro_swarm::agents::dims;
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
+use vamaro_swarm::train::{Batch, Settings, Team};
 use vamaro_swarm::world::{EPISODE_STEPS, Task, World};
 
 thread_local! {
@@ -74,5 +76,29 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         };
         tick();
         assert_eq!(allocations(|| (0..5).for_each(|_| tick())), 0);
+    }
+}
+
+#[test]
+fn an_update_allocates_nothing_once_warm() {
+    for (kind, task) in [(ActorKind::Mlp, "hear-see"), (ActorKind::Gru, "spread-xy-4")] {
+        let task = Task::parse(task).unwrap();
+        let (n, episodes, steps) = (task.n_agents(), 3, EPISODE_STEPS);
+        let batch = Batch {
+            episodes,
+            steps,
+            observations: vec![0.5; (steps + 1) * episodes * n * task.padded_obs_dim()],
+            joint: vec![0.5; (steps + 1) * episodes * task.joint_dim()],
+            actions: vec![1; steps * episodes * n],
+            rewards: (0..steps * episodes).map(|at| at as f32).collect(),
+        };
+        let available = vec![5; n];
+        let settings = Settings::paper(kind);
+        let mut team = Team::untrained(settings, &dims(&task), task.padded_obs_dim(), &available, 1, 1);
+        team.update(&batch, None);
+        let counted = allocations(|| {
+            std::hint::black_box(team.update(&batch, None));
+        });
+        assert_eq!(counted, 0, "{}", task.id());
     }
 }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use common::{data, fail, run, succeed};
 use serde_json::Value;
@@ -31,6 +31,128 @@ fn the_agents_agree_with_the_papers_code() {
     for what in ["joint estimates", "joint estimates, median", "logits", "logits, median"] {
         assert_eq!(table.matches(&format!("{what}  ")).count(), 2, "{what}: {table}");
     }
+}
+
+#[test]
+fn the_learner_agrees_with_the_papers_code() {
+    // Two sequences of three updates, five comparisons each.
+    let table = succeed(&format!("verify {}", data("updates").display()));
+    assert!(table.contains("all 30 comparisons hold"), "{table}");
+    for what in ["advantages", "predictor loss", "weights of actors", "weights of critics"] {
+        assert_eq!(table.matches(&format!("{what}  ")).count(), 6, "{what}: {table}");
+    }
+}
+
+/// A copy of recorded updates, to be tampered with.
+struct Updates(tempfile::TempDir);
+
+impl Updates {
+    fn new() -> Updates {
+        let copy = Updates(tempfile::tempdir().unwrap());
+        for file in ["config.json", "update-1.safetensors", "update-2.safetensors"] {
+            std::fs::copy(data("updates/hear-see-mappo-mlp").join(file), copy.at(file)).unwrap();
+        }
+        copy
+    }
+
+    fn at(&self, file: &str) -> PathBuf {
+        self.0.path().join(file)
+    }
+
+    fn verify(&self) -> String {
+        format!("verify {}", self.0.path().display())
+    }
+
+    fn configure(&self, pointer: &str, value: impl Into<Value>) {
+        let mut json: Value =
+            serde_json::from_slice(&std::fs::read(self.at("config.json")).unwrap()).unwrap();
+        *json.pointer_mut(pointer).unwrap() = value.into();
+        std::fs::write(self.at("config.json"), json.to_string()).unwrap();
+    }
+
+    /// Overwrites the first bytes of a tensor of the second update.
+    fn overwrite(&self, tensor: &str, bytes: &[u8]) {
+        let mut file = std::fs::read(self.at("update-2.safetensors")).unwrap();
+        let header = u64::from_le_bytes(file[..8].try_into().unwrap()) as usize + 8;
+        let json: Value = serde_json::from_slice(&file[8..header]).unwrap();
+        let start = header + json[tensor]["data_offsets"][0].as_u64().unwrap() as usize;
+        file[start..start + bytes.len()].copy_from_slice(bytes);
+        std::fs::write(self.at("update-2.safetensors"), file).unwrap();
+    }
+}
+
+#[test]
+fn tampered_updates_are_found() {
+    let says = succeed(&Updates::new().verify());
+    assert!(says.contains("all 10 comparisons hold"), "{says}");
+    for (pointer, value) in [
+        ("/learning_rate", Value::from(1.1e-4)),
+        ("/entropy_coefficient", Value::from(0.01)),
+        ("/gamma", Value::from(0.98)),
+        ("/epochs", Value::from(3)),
+        ("/n_step", Value::from(4)),
+        ("/grad_norm_clip", Value::from(0.01)),
+        ("/standardise_rewards", Value::from(false)),
+        ("/predictor/advantage_lambda", Value::from(0.5)),
+        ("/predictor/grad_norm_clip", Value::from(1e-3)),
+    ] {
+        let updates = Updates::new();
+        updates.configure(pointer, value);
+        let output = run(&updates.verify());
+        let found = String::from_utf8_lossy(&output.stdout).contains("FAIL");
+        assert!(output.status.code() == Some(1) && found, "{pointer}");
+    }
+    for tensor in ["batch.reward", "batch.joint_input", "after.advantages", "after.predictor_loss"] {
+        let updates = Updates::new();
+        // Two agents see the same joint observation of 16 values.
+        let row = [0.5f32; 16].map(f32::to_le_bytes).concat();
+        match tensor {
+            "batch.joint_input" => updates.overwrite(tensor, &[row.clone(), row].concat()),
+            _ => updates.overwrite(tensor, &0.5f32.to_le_bytes()),
+        }
+        fail(&updates.verify(), 1, &["do not hold"]);
+    }
+}
+
+#[test]
+fn broken_updates_are_refused() {
+    for (pointer, value, says) in [
+        ("/task", Value::from("no-such-task"), "no-such-task"),
+        ("/task", Value::from("spread-xy-2"), "expected F32"),
+        ("/actor", Value::from("gru"), "weight_ih"),
+        ("/algorithm", Value::from("dqn"), "mappo"),
+        ("/hidden", Value::from(0), "hidden size"),
+        ("/hidden", Value::from(64), "expected F32"),
+        ("/hidden", Value::from(1 << 14), "expected F32"),
+        ("/epochs", Value::from(0), "epochs"),
+        ("/n_step", Value::from(0), "n_step"),
+        ("/adam_eps", Value::from(1e-5), "adam_eps"),
+        ("/target_update_interval", Value::from(0), "target_update_interval"),
+        ("/predictor", Value::from(1), "config.json"),
+    ] {
+        let updates = Updates::new();
+        updates.configure(pointer, value);
+        let output = run(&updates.verify());
+        let stderr = common::stderr(&output);
+        assert!(matches!(output.status.code(), Some(1 | 2)), "{pointer}: {stderr}");
+        assert!(stderr.contains(says) && !stderr.contains("panicked"), "{pointer}: {stderr}");
+    }
+    for (tensor, bytes, says) in [
+        ("batch.actions", &9i64.to_le_bytes()[..], "no such action"),
+        ("batch.filled", &0i64.to_le_bytes()[..], "shorter"),
+        ("batch.avail_actions", &0i32.to_le_bytes()[..], "avail_actions"),
+        ("batch.joint_input", &9f32.to_le_bytes()[..], "not everything was delivered"),
+        ("batch.reward", &f32::NAN.to_le_bytes()[..], "NaN"),
+    ] {
+        let updates = Updates::new();
+        updates.overwrite(tensor, bytes);
+        fail(&updates.verify(), 1, &["update-2.safetensors", says]);
+    }
+    let updates = Updates::new();
+    std::fs::write(updates.at("update-2.safetensors"), b"no tensors").unwrap();
+    fail(&updates.verify(), 1, &["update-2.safetensors"]);
+    std::fs::remove_file(updates.at("update-1.safetensors")).unwrap();
+    fail(&updates.verify(), 1, &["no update-1.safetensors"]);
 }
 
 #[test]
@@ -103,10 +225,10 @@ fn nothing_compared_is_a_failure() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     fail(&format!("verify {}", at("")), 1, &["nothing was compared"]);
-    std::fs::write(at("config.json"), r#"{"kind": "update", "task": "hear-see"}"#).unwrap();
+    std::fs::write(at("config.json"), r#"{"kind": "weather", "task": "hear-see"}"#).unwrap();
     let output = run(&format!("verify {}", at("")));
     assert_eq!(output.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&output.stdout).contains("skipped"), "updates are listed as skipped");
+    assert!(String::from_utf8_lossy(&output.stdout).contains("skipped"), "what is unknown is listed");
     std::fs::write(
         at("empty.json"),
         r#"{"task":"hear-see","n_agents":2,"n_landmarks":1,"episode_steps":25,"episodes":[]}"#,

@@ -30,7 +30,7 @@ impl Inspect {
                 "{} is a state dict of PyTorch; `vamaro-swarm import` makes a policy file of it",
                 file.display()
             )),
-            FileKind::Json(_) | FileKind::Unknown => {
+            FileKind::Updates | FileKind::Json(_) | FileKind::Unknown => {
                 Err(usage!("{} is neither a policy file nor a trace or recording", file.display()))
             }
         }

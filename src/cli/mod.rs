@@ -46,7 +46,7 @@ enum Command {
     Import(import::Import),
     /// Say what a policy, trace or recording holds
     Inspect(inspect::Inspect),
-    /// Recompute recordings and traces and compare
+    /// Recompute recordings, traces and updates and compare
     Verify(verify::Verify),
     /// Tell whether this machine is ready, and clean up after dead swarms
     Doctor(doctor::Doctor),

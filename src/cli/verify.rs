@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::failed;
 use crate::verify::{Comparison, verify};
 
-/// Recompute recordings and traces and compare
+/// Recompute recordings, traces and updates and compare
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -18,7 +18,7 @@ Examples:
 
 Exit code 0 only if something was compared and all of it agrees.")]
 pub struct Verify {
-    /// Recordings, traces, or folders that hold some
+    /// Recordings, traces, the config.json of updates, or folders that hold some
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 
@@ -31,7 +31,11 @@ impl Verify {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         let policy = self.policy.as_deref().map(|name| policy_source(name, 0)).transpose()?;
-        let report = verify(&self.paths, policy.as_ref())?;
+        let mut report = verify(&self.paths, policy.as_ref())?;
+        if report.comparisons.is_empty() && report.failed.len() == 1 {
+            // Nothing else to tell.
+            return Err(report.failed.remove(0).1);
+        }
         let rows = report.comparisons.iter().map(|comparison| {
             let Comparison { file, what, values, deviation, tolerance, worst } = comparison;
             let place = worst.filter(|_| !comparison.holds());
@@ -60,7 +64,7 @@ impl Verify {
         let held = report.comparisons.iter().filter(|comparison| comparison.holds()).count();
         match report.holds() {
             true => print(&format!("all {total} comparisons hold\n")),
-            false if total == 0 => Err(failed!("nothing was compared: no recording or trace found")),
+            false if total == 0 => Err(failed!("nothing was compared: no recording, trace or update found")),
             false => Err(failed!("{} of {total} comparisons do not hold", total - held)),
         }
     }

@@ -52,7 +52,7 @@ pub fn import(agents: &Path, predictors: &[(String, PathBuf)], dims: &Dims, meta
 }
 
 /// The name that the paper's code gives to our tensor `name`.
-fn key(name: &str) -> String {
+pub(crate) fn key(name: &str) -> String {
     let mut parts = name.rsplitn(3, '.');
     let mut next = || parts.next().expect("a tensor is called network.layer.tensor");
     let (tensor, layer, network) = (next(), next(), next());
@@ -60,6 +60,10 @@ fn key(name: &str) -> String {
         (Some(("predictors", _)), "fc1") => format!("linear_1.{tensor}"),
         (Some(("predictors", _)), "lstm") => format!("lstm.{tensor}_l0"),
         (Some(("predictors", _)), _) => format!("linear_obs.{tensor}"),
+        (Some(("critics", _)), layer) => {
+            let layer = if layer == "out" { "fc3" } else { layer };
+            format!("{network}.{layer}.{tensor}")
+        }
         (Some((_, agent)), layer) => {
             let layer = match layer {
                 "fc1" => "fc1",
@@ -71,6 +75,6 @@ fn key(name: &str) -> String {
                 _ => format!("agents.{agent}.{layer}.{tensor}"),
             }
         }
-        (None, _) => unreachable!("a network is called actors.agent or predictors.name"),
+        (None, _) => unreachable!("a network is called actors.agent, critics.agent or predictors.name"),
     }
 }

@@ -26,10 +26,12 @@ mod weights;
 pub use actor::Actor;
 pub use file::PolicyFile;
 pub use import::import;
+pub(crate) use import::key;
 pub use layers::Scratch;
-pub use networks::{ActorKind, Inputs, Networks, PredictorSpec, Sharing, Sigma, TensorSpec};
+pub use networks::{ActorKind, Inputs, Networks, PredictorSpec, Sharing, Sigma, TensorSpec, critic_tensors};
 pub use policy::{Meta, Policy};
 pub use predictor::{LstmState, Predictor};
+pub(crate) use weights::Line;
 pub use weights::{Aligned, Tensor};
 
 /// The sizes a policy must fit: those of a task.

@@ -1,7 +1,7 @@
 //! Which networks a policy is made of, and the tensors that follow from it.
 
 use super::Dims;
-use crate::rng::MAX_AGENTS;
+use crate::rng::{Draws, MAX_AGENTS, Purpose};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -120,26 +120,26 @@ impl Networks {
 
     /// Every tensor of a policy for `dims`: actors by agent, then predictors, each from input to output.
     pub fn tensors(&self, dims: &Dims) -> Vec<TensorSpec> {
-        let mut list = List::default();
-        let (copies, ids) = match self.sharing {
-            Sharing::Separate => (dims.n_agents, 0),
-            Sharing::Shared => (1, dims.n_agents),
+        let copies = match self.sharing {
+            Sharing::Separate => dims.n_agents,
+            Sharing::Shared => 1,
         };
-        for agent in 0..copies {
-            list.network(self.actor_prefix(agent), agent);
-            list.linear("fc1", dims.joint + ids, self.hidden);
-            match self.actor {
-                ActorKind::Mlp => list.linear("fc2", self.hidden, self.hidden),
-                ActorKind::Gru => list.cell("gru", 3, self.hidden),
-            }
-            list.linear("out", self.hidden, dims.n_actions);
+        let actors = (0..copies).flat_map(|agent| self.actor_tensors(agent, dims));
+        actors.chain(self.predictors.iter().flat_map(|predictor| predictor.tensors(dims))).collect()
+    }
+
+    /// The tensors of this agent's actor: `fc1`, then `fc2` or `gru`, then `out`, each weight before its bias.
+    pub fn actor_tensors(&self, agent: usize, dims: &Dims) -> Vec<TensorSpec> {
+        let mut list = match self.sharing {
+            Sharing::Separate => List::of(self.actor_prefix(agent), agent),
+            Sharing::Shared => List::of(self.actor_prefix(agent), 0),
+        };
+        list.linear("fc1", dims.joint + self.sharing.id_len(dims), self.hidden);
+        match self.actor {
+            ActorKind::Mlp => list.linear("fc2", self.hidden, self.hidden),
+            ActorKind::Gru => list.cell("gru", 3, self.hidden),
         }
-        for predictor in &self.predictors {
-            list.network(predictor.prefix(), MAX_AGENTS);
-            list.linear("fc1", dims.joint, predictor.hidden);
-            list.cell("lstm", 4, predictor.hidden);
-            list.linear("out", predictor.hidden, 2 * dims.predicted);
-        }
+        list.linear("out", self.hidden, dims.n_actions);
         list.tensors
     }
 
@@ -152,7 +152,7 @@ impl Networks {
     }
 
     /// Says what is wrong with this description by itself.
-    pub(super) fn check(&self) -> Result<(), String> {
+    pub(crate) fn check(&self) -> Result<(), String> {
         let hidden = |what: &str, size: usize| match size {
             1..=MAX_HIDDEN => Ok(()),
             _ => Err(format!("the hidden size of {what} is {size}, expected 1 to {MAX_HIDDEN}")),
@@ -200,21 +200,59 @@ impl PredictorSpec {
         PredictorSpec { name: name.to_string(), inputs, sigma, held: Vec::new(), hidden: 128 }
     }
 
+    /// Its tensors: those of `fc1`, `lstm` and `out`, each weight before its bias.
+    pub fn tensors(&self, dims: &Dims) -> Vec<TensorSpec> {
+        let mut list = List::of(self.prefix(), MAX_AGENTS);
+        list.linear("fc1", dims.joint, self.hidden);
+        list.cell("lstm", 4, self.hidden);
+        list.linear("out", self.hidden, 2 * dims.predicted);
+        list.tensors
+    }
+
     /// The first part of the names of its tensors.
     pub(super) fn prefix(&self) -> String {
         format!("predictors.{}", self.name)
     }
 }
 
+/// The tensors of the critic of an agent, or of all, which sees `inputs` values and has two layers of
+/// `hidden`: `fc1`, `fc2` and `out`, each weight before its bias. No policy has them.
+pub fn critic_tensors(sharing: Sharing, agent: usize, inputs: usize, hidden: usize) -> Vec<TensorSpec> {
+    let first = MAX_AGENTS + 1;
+    let mut list = match sharing {
+        Sharing::Separate => List::of(format!("critics.{agent}"), first + agent),
+        Sharing::Shared => List::of("critics.shared".to_string(), first),
+    };
+    list.linear("fc1", inputs, hidden);
+    list.linear("fc2", hidden, hidden);
+    list.linear("out", hidden, 1);
+    list.tensors
+}
+
+impl Sharing {
+    /// The length of the id that a network sees behind its other inputs.
+    pub fn id_len(self, dims: &Dims) -> usize {
+        match self {
+            Sharing::Separate => 0,
+            Sharing::Shared => dims.n_agents,
+        }
+    }
+}
+
 impl TensorSpec {
+    /// Its untrained values, drawn at the address (`seed`, [`Purpose::Weights`], [number](Self::number)).
+    pub fn untrained(&self, seed: u64) -> impl Iterator<Item = f32> {
+        let mut draws = Draws::new(seed, Purpose::Weights, self.number, 0);
+        (0..self.n_values()).map(move |_| draws.between(-self.bound, self.bound) as f32)
+    }
+
     /// The number of values.
     pub fn n_values(&self) -> usize {
         self.shape.iter().product()
     }
 }
 
-/// The tensors so far, and the network that the next ones belong to.
-#[derive(Default)]
+/// The tensors of a network so far, and what the next ones are called and numbered.
 struct List {
     tensors: Vec<TensorSpec>,
     prefix: String,
@@ -222,9 +260,9 @@ struct List {
 }
 
 impl List {
-    fn network(&mut self, prefix: String, number: usize) {
+    fn of(prefix: String, network: usize) -> List {
         const TENSORS_PER_NETWORK: u64 = 16;
-        (self.prefix, self.number) = (prefix, number as u64 * TENSORS_PER_NETWORK);
+        List { tensors: Vec::new(), prefix, number: network as u64 * TENSORS_PER_NETWORK }
     }
 
     fn linear(&mut self, layer: &str, inputs: usize, outputs: usize) {

@@ -8,7 +8,6 @@ use super::predictor::Predictor;
 use super::weights::{Storage, Tensor};
 use super::{Dims, PredictorSpec};
 use crate::error::Result;
-use crate::rng::{Draws, Purpose};
 use crate::{failed, usage};
 use std::collections::HashMap;
 use std::path::Path;
@@ -84,18 +83,15 @@ impl Policy {
         Policy::from_file(file, storage, dims, source)
     }
 
-    /// A policy that has learned nothing: PyTorch's default initialisation, every tensor drawn at the address
-    /// (`seed`, [`Purpose::Weights`], [number of the tensor](TensorSpec::number)).
+    /// A policy that has learned nothing: PyTorch's default initialisation, [drawn](TensorSpec::untrained)
+    /// tensor by tensor.
     ///
     /// # Errors
     /// `Usage` if there cannot be such networks.
     pub fn untrained(dims: &Dims, seed: u64, networks: Networks) -> Result<Policy> {
         networks.check().map_err(|error| usage!("{error}"))?;
-        let mut values = Vec::new();
-        for tensor in networks.tensors(dims) {
-            let mut draws = Draws::new(seed, Purpose::Weights, tensor.number, 0);
-            values.extend((0..tensor.n_values()).map(|_| draws.between(-tensor.bound, tensor.bound) as f32));
-        }
+        let tensors = networks.tensors(dims);
+        let values: Vec<f32> = tensors.iter().flat_map(|tensor| tensor.untrained(seed)).collect();
         Policy::new(dims, Meta::new(&dims.task, seed), networks, &values)
     }
 

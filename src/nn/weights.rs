@@ -86,12 +86,12 @@ impl Storage {
 /// A cache line of values. Weights start on one because a vector load that crosses lines costs two.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
-pub(super) struct Line([f32; Line::VALUES]);
+pub(crate) struct Line([f32; Line::VALUES]);
 
 impl Line {
-    pub(super) const VALUES: usize = 16;
+    pub(crate) const VALUES: usize = 16;
     pub(super) const BYTES: usize = 64;
-    pub(super) const ZERO: Line = Line([0.0; Line::VALUES]);
+    pub(crate) const ZERO: Line = Line([0.0; Line::VALUES]);
 }
 
 /// Bytes on a cache line, for policies embedded in a program: `include_bytes!` alone promises no alignment,

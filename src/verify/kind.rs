@@ -15,6 +15,8 @@ use crate::nn::PolicyFile;
 pub enum FileKind {
     /// A recording or a trace.
     Recording,
+    /// What the updates beside it were made with.
+    Updates,
     /// A policy file.
     Policy,
     /// A state dict of PyTorch, which `import` reads.
@@ -54,7 +56,11 @@ impl FileKind {
         let bytes = std::fs::read(path).map_err(|e| Error::open(path, e))?;
         let probe: Probe = serde_json::from_slice(&bytes)
             .map_err(|e| Error::io("read", path, format!("damaged JSON: {e}")))?;
-        Ok(if probe.episodes.is_some() { FileKind::Recording } else { FileKind::Json(probe.kind) })
+        Ok(match probe {
+            Probe { episodes: Some(_), .. } => FileKind::Recording,
+            Probe { kind, .. } if kind.as_deref() == Some("update") => FileKind::Updates,
+            Probe { kind, .. } => FileKind::Json(kind),
+        })
     }
 }
 
@@ -80,7 +86,8 @@ mod tests {
         tensors.extend(b"{}");
         for (content, kind) in [
             (&b" {\"episodes\": []}"[..], FileKind::Recording),
-            (b"{\"kind\": \"update\"}", FileKind::Json(Some("update".to_owned()))),
+            (b"{\"kind\": \"update\"}", FileKind::Updates),
+            (b"{\"kind\": \"other\"}", FileKind::Json(Some("other".to_owned()))),
             (b"{\"a\": 1, \"b\": 2}", FileKind::Json(None)),
             (b"PK\x03\x04 and so on", FileKind::StateDict),
             (&tensors, FileKind::Tensors),

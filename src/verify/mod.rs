@@ -1,7 +1,8 @@
-//! Recomputing recorded episodes: what was recorded, what comes out here, and how far apart they are.
+//! Recomputing recorded episodes and updates: what was recorded, what comes out here, and how far apart.
 
 mod kind;
 mod trace;
+mod update;
 mod world;
 
 use std::fs::DirEntry;
@@ -57,8 +58,8 @@ impl Report {
     }
 }
 
-/// Verifies recordings and traces, in files or below folders. Traces are run with `policy`, or with the
-/// policy beside them.
+/// Verifies recordings, traces and updates, in files or below folders. Traces are run with `policy`, or with
+/// the policy beside them.
 pub fn verify(paths: &[PathBuf], policy: Option<&PolicySource>) -> Result<Report> {
     let mut report = Report::default();
     for path in paths {
@@ -67,7 +68,7 @@ pub fn verify(paths: &[PathBuf], policy: Option<&PolicySource>) -> Result<Report
         } else {
             let kind = FileKind::of(path)?;
             if kind == FileKind::Unknown {
-                report.skipped.push((path.clone(), "not a recording or trace".to_owned()));
+                report.skipped.push((path.clone(), "not a recording, trace or update".to_owned()));
             }
             verify_file(path, kind, policy, &mut report)?;
         }
@@ -111,9 +112,12 @@ fn verify_file(
                 report.comparisons.extend(trace::compare(file, &recording, policy)?);
             }
         }
+        FileKind::Updates => report.comparisons.extend(update::compare(file)?),
         FileKind::Json(Some(kind)) => skip(&format!("{kind}: not verified by this version")),
-        FileKind::Json(None) => skip("JSON, but not a recording or trace"),
-        FileKind::Tensors => skip("tensors: not verified by this version"),
+        FileKind::Json(None) => skip("JSON, but not a recording, trace or update"),
+        // Updates are verified along with the settings beside them.
+        FileKind::Tensors if file.with_file_name("config.json").exists() => {}
+        FileKind::Tensors => skip("tensors without a config.json beside them"),
         // Policies are verified along with the trace beside them.
         FileKind::Policy | FileKind::StateDict | FileKind::Unknown => {}
     }

@@ -9,6 +9,8 @@ pub(super) struct Relu<'a>(pub &'a mut [f32]);
 pub(super) struct Sigmoid<'a>(pub &'a mut [f32]);
 /// [`tanh`](super::tanh).
 pub(super) struct Tanh<'a>(pub &'a mut [f32]);
+/// [`relu_backward`](super::relu_backward).
+pub(super) struct ReluBackward<'a>(pub &'a [f32], pub &'a mut [f32]);
 /// [`add`](super::add).
 pub(super) struct Add<'a>(pub &'a [f32], pub &'a mut [f32]);
 
@@ -48,6 +50,21 @@ impl WithSimd for Add<'_> {
         for (y, row) in y.chunks_mut(S::F32_LANES).zip(row.chunks(S::F32_LANES)) {
             let sum = simd.add_f32s(load(simd, y), load(simd, row));
             store(simd, y, sum);
+        }
+    }
+}
+
+impl WithSimd for ReluBackward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let ReluBackward(y, d) = self;
+        let zero = simd.splat_f32s(0.0);
+        for (y, d) in y.chunks(S::F32_LANES).zip(d.chunks_mut(S::F32_LANES)) {
+            let positive = simd.less_than_f32s(zero, load(simd, y));
+            let passed = simd.select_f32s(positive, load(simd, d), zero);
+            store(simd, d, passed);
         }
     }
 }

@@ -10,6 +10,8 @@ pub enum Start<'a> {
     Bias(&'a [f32]),
     /// At what the output holds.
     Output,
+    /// At zero.
+    Zero,
 }
 
 /// `y = x @ weight + start`, see [`linear`](super::linear()).
@@ -86,6 +88,7 @@ impl<'a> Linear<'a> {
             let start = match self.start {
                 Start::Bias(bias) => &bias[column..][..width],
                 Start::Output => &self.y[(row + r) * n + column..][..width],
+                Start::Zero => continue,
             };
             sums.copy_from_slice(S::as_simd_f32s(start).0);
         }
@@ -113,9 +116,12 @@ impl<'a> Linear<'a> {
         let mut sums: [S::f32s; R] = std::array::from_fn(|r| match self.start {
             Start::Bias(bias) => load(simd, &bias[column..to]),
             Start::Output => load(simd, &self.y[(row + r) * n..][column..to]),
+            Start::Zero => simd.splat_f32s(0.0),
         });
-        for (i, weights) in self.weight.chunks_exact(n).enumerate() {
-            let weights = load(simd, &weights[column..to]);
+        for i in 0..k {
+            // A whole vector, where there is one, is quicker to load than its part. What lies behind the row
+            // ends up in lanes that are not stored.
+            let weights = load(simd, &self.weight[i * n + column..]);
             for (x, sum) in x.iter().zip(&mut sums) {
                 *sum = simd.mul_add_e_f32s(simd.splat_f32s(x[i]), weights, *sum);
             }

@@ -6,6 +6,16 @@
 //! | [`relu`], [`sigmoid`], [`tanh`] | in place, element by element |
 //! | [`gru_gates`], [`lstm_gates`] | everything of a recurrent step that is not a matrix product |
 //!
+//! Those below are for training, which happens in one process.
+//!
+//! | kernel | computes |
+//! |---|---|
+//! | [`gradient()`] | `x^T @ d`, the gradient of a weight |
+//! | [`transpose`] | what turns `linear` into `d @ w^T`, the derivative of an input |
+//! | [`sum_rows`], [`relu_backward`] | derivatives of a bias and of `relu` |
+//! | [`gru_forward`], [`gru_backward`], [`lstm_forward`], [`lstm_backward`] | recurrent steps that can be taken back |
+//! | [`sum_of_squares`], [`adam`] | the optimiser, in one pass over memory |
+//!
 //! Matrices are row-major; a weight is stored *input-major*, `[inputs, outputs]`, because then the weights
 //! that meet one input lie side by side and a product streams them once from front to back.
 //!
@@ -18,12 +28,16 @@
 //! The instruction set is chosen at run time, once. No kernel allocates, starts threads or is unsafe. Shapes
 //! are the caller's responsibility: a wrong one is a bug, and panics.
 
+mod adam;
 mod elementwise;
 mod gates;
+mod gradient;
 mod linear;
+mod recurrent;
 #[cfg(test)]
 mod tests;
 
+pub use adam::AdamStep;
 pub use linear::Start;
 
 use pulp::{Arch, Simd};
@@ -91,6 +105,122 @@ pub fn lstm_gates(rows: usize, gates: &[f32], bias: &[f32], hidden: &mut [f32], 
     assert_eq!(gates.len(), 4 * hidden.len(), "lstm: gates are not [rows, 4 h]");
     assert_eq!(bias.len(), 4 * hidden.len() / rows, "lstm: bias is not [4 h]");
     ARCH.dispatch(gates::Lstm { h: hidden.len() / rows, gates, bias, hidden, cell });
+}
+
+/// `gradient = x^T @ d`: `x` is `[rows, k]`, `d` `[rows, n]`, `gradient` `[k, n]`.
+///
+/// `k` and `n` follow from the lengths of `x` and `d`.
+pub fn gradient(rows: usize, x: &[f32], d: &[f32], gradient: &mut [f32]) {
+    if let Some(op) = gradient::Gradient::new(rows, x, d, gradient) {
+        ARCH.dispatch(op);
+    }
+}
+
+/// `y = x^T`: `x` is `[rows, columns]`, `y` `[columns, rows]`.
+pub fn transpose(rows: usize, columns: usize, x: &[f32], y: &mut [f32]) {
+    assert_eq!((x.len(), y.len()), (rows * columns, rows * columns), "transpose: lengths differ");
+    // Square blocks, so that the cache lines of both matrices are used whole before they are gone.
+    const BLOCK: usize = 16;
+    for (row, column) in
+        (0..rows).step_by(BLOCK).flat_map(|r| (0..columns).step_by(BLOCK).map(move |c| (r, c)))
+    {
+        let height = BLOCK.min(rows - row);
+        for column in column..columns.min(column + BLOCK) {
+            let y = &mut y[column * rows + row..][..height];
+            y.iter_mut().enumerate().for_each(|(r, y)| *y = x[(row + r) * columns + column]);
+        }
+    }
+}
+
+/// `sum` `[n]` becomes the sum of the rows of `d` `[rows, n]`.
+pub fn sum_rows(d: &[f32], sum: &mut [f32]) {
+    sum.fill(0.0);
+    d.chunks_exact(sum.len()).for_each(|row| add(row, sum));
+}
+
+/// From the derivative by `relu(x)` to the one by `x`, in place: `d` is zero where `y = relu(x)` is.
+pub fn relu_backward(y: &[f32], d: &mut [f32]) {
+    assert_eq!(y.len(), d.len(), "relu_backward: lengths differ");
+    ARCH.dispatch(elementwise::ReluBackward(y, d));
+}
+
+/// [`gru_gates`] that can be taken back: `after` `[rows, h]` follows on `before`, and r, z and n replace the
+/// products with the input in `gates` `[rows, 3 h]`.
+pub fn gru_forward(rows: usize, gates: &mut [f32], recurrent: &[f32], before: &[f32], after: &mut [f32]) {
+    let h = hidden_size(rows, after, &[(before, 1), (gates, 3), (recurrent, 3)]);
+    ARCH.dispatch(recurrent::GruForward { h, gates, recurrent, before, after });
+}
+
+/// Takes [`gru_forward`] back. `d` `[rows, h]` goes from the derivative by the state after the step to that
+/// by the state before it, without what comes through `recurrent`; `gates` and `recurrent` become the
+/// derivatives by the products.
+pub fn gru_backward(rows: usize, gates: &mut [f32], recurrent: &mut [f32], before: &[f32], d: &mut [f32]) {
+    let h = hidden_size(rows, d, &[(before, 1), (gates, 3), (recurrent, 3)]);
+    ARCH.dispatch(recurrent::GruBackward { h, gates, recurrent, before, d });
+}
+
+/// [`lstm_gates`] that can be taken back: `cell` and `hidden` `[rows, h]` follow on `cell_before`, and i, f,
+/// g and o replace the products in `gates` `[rows, 4 h]`.
+pub fn lstm_forward(
+    rows: usize,
+    gates: &mut [f32],
+    bias: &[f32],
+    cell_before: &[f32],
+    cell: &mut [f32],
+    hidden: &mut [f32],
+) {
+    let h = hidden_size(rows, hidden, &[(cell_before, 1), (cell, 1), (gates, 4)]);
+    assert_eq!(bias.len(), 4 * h, "lstm: bias is not [4 h]");
+    ARCH.dispatch(recurrent::LstmForward { h, gates, bias, cell_before, cell, hidden });
+}
+
+/// Takes [`lstm_forward`] back. `d` `[rows, h]` is the derivative by `hidden`; `d_cell` goes from what later
+/// steps say of the derivative by `cell` to that by `cell_before`; `gates` become the derivatives by the
+/// products.
+pub fn lstm_backward(
+    rows: usize,
+    gates: &mut [f32],
+    cell_before: &[f32],
+    cell: &[f32],
+    d: &[f32],
+    d_cell: &mut [f32],
+) {
+    let h = hidden_size(rows, d, &[(cell_before, 1), (cell, 1), (d_cell, 1), (gates, 4)]);
+    ARCH.dispatch(recurrent::LstmBackward { h, gates, cell_before, cell, d, d_cell });
+}
+
+/// The sum of the squares of `values`, in an order of its own that is always the same.
+pub fn sum_of_squares(values: &[f32]) -> f64 {
+    const LANES: usize = 16;
+    // Short runs in f32, each in sums side by side, which the compiler makes vectors; added up in f64.
+    let run = |values: &[f32]| {
+        let (chunks, rest) = values.as_chunks::<LANES>();
+        let mut sums = [0.0f32; LANES];
+        for chunk in chunks {
+            sums.iter_mut().zip(chunk).for_each(|(sum, value)| *sum += value * value);
+        }
+        let rest = rest.iter().map(|value| value * value);
+        sums.into_iter().chain(rest).map(f64::from).sum::<f64>()
+    };
+    values.chunks(64 * LANES).map(run).sum()
+}
+
+/// One step of Adam: `values` follow on the `gradient`, whose running mean and mean square are `mean` and
+/// `square`; all of one length.
+pub fn adam(step: AdamStep, gradient: &[f32], mean: &mut [f32], square: &mut [f32], values: &mut [f32]) {
+    let lengths = [gradient.len(), mean.len(), square.len()];
+    assert_eq!(lengths, [values.len(); 3], "adam: lengths differ");
+    ARCH.dispatch(adam::Adam { step, gradient, mean, square, values });
+}
+
+/// The hidden size h of `rows` states; checks that the others are so many times as long.
+fn hidden_size(rows: usize, state: &[f32], others: &[(&[f32], usize)]) -> usize {
+    let h = state.len() / rows;
+    assert!(h > 0 && state.len() == rows * h, "a state is [rows, h]");
+    for (values, times) in others {
+        assert_eq!(values.len(), times * state.len(), "gates and states are of one size");
+    }
+    h
 }
 
 /// Up to one vector of values from the front of `values`; missing lanes are zero.

@@ -162,3 +162,107 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn gradients_are_the_product(rows in 0usize..40, k in 1usize..40, n in 1usize..300, seed in any::<u64>()) {
+        let (x, d) = (numbers(seed, rows * k, 1.0), numbers(seed ^ 1, rows * n, 1.0));
+        for arch in arches() {
+            let mut found = numbers(seed ^ 2, k * n, 1.0);
+            if let Some(op) = gradient::Gradient::new(rows, &x, &d, &mut found) {
+                arch.dispatch(op);
+            }
+            for (i, j) in (0..k).flat_map(|i| (0..n).map(move |j| (i, j))) {
+                let product: f64 =
+                    (0..rows).map(|row| x[row * k + i] as f64 * d[row * n + j] as f64).sum();
+                prop_assert!((found[i * n + j] as f64 - product).abs() < 1e-6 * (rows + 1) as f64);
+            }
+        }
+    }
+
+    #[test]
+    fn transposed_twice_is_the_same(rows in 1usize..50, columns in 1usize..50, seed in any::<u64>()) {
+        let x = numbers(seed, rows * columns, 1.0);
+        let (mut once, mut twice) = (x.clone(), x.clone());
+        transpose(rows, columns, &x, &mut once);
+        prop_assert_eq!(once[(columns - 1) * rows], x[columns - 1]);
+        transpose(columns, rows, &once, &mut twice);
+        prop_assert_eq!(x, twice);
+    }
+
+    #[test]
+    fn steps_that_can_be_taken_back_are_those_of_the_agents(
+        rows in 1usize..5,
+        h in 1usize..40,
+        seed in any::<u64>(),
+    ) {
+        let (mut products, recurrent) = (numbers(seed, rows * 4 * h, 4.0), numbers(seed ^ 1, rows * 3 * h, 4.0));
+        let (before, cell_before) = (numbers(seed ^ 2, rows * h, 1.0), numbers(seed ^ 3, rows * h, 2.0));
+        let bias = numbers(seed ^ 4, 4 * h, 1.0);
+        let (mut expected, mut found) = (before.clone(), before.clone());
+        gru_gates(rows, &products[..rows * 3 * h], &recurrent, &mut expected);
+        gru_forward(rows, &mut products.clone()[..rows * 3 * h], &recurrent, &before, &mut found);
+        prop_assert_eq!(bits(&found), bits(&expected));
+
+        let (mut expected_cell, mut found_cell) = (cell_before.clone(), cell_before.clone());
+        lstm_gates(rows, &products, &bias, &mut expected, &mut expected_cell);
+        lstm_forward(rows, &mut products, &bias, &cell_before, &mut found_cell, &mut found);
+        prop_assert_eq!(bits(&found_cell), bits(&expected_cell));
+        prop_assert_eq!(bits(&found), bits(&expected));
+    }
+
+    #[test]
+    fn adam_is_that_of_pytorch(n in 1usize..70, steps in 1u64..5, seed in any::<u64>()) {
+        let start = numbers(seed, n, 1.0);
+        for arch in arches() {
+            let (mut mean, mut square, mut values) = (vec![0.0; n], vec![0.0; n], start.clone());
+            let (mut m, mut v) = (vec![0.0; n], vec![0.0; n]);
+            let mut expected: Vec<f64> = start.iter().map(|&value| value as f64).collect();
+            for number in 1..=steps {
+                let gradient = numbers(seed ^ number, n, 3.0);
+                let step = AdamStep::new(number, 1e-2, 0.5);
+                arch.dispatch(adam::Adam {
+                    step,
+                    gradient: &gradient,
+                    mean: &mut mean,
+                    square: &mut square,
+                    values: &mut values,
+                });
+                for at in 0..n {
+                    let g = 0.5 * gradient[at] as f64;
+                    m[at] = 0.9 * m[at] + 0.1 * g;
+                    v[at] = 0.999 * v[at] + 0.001 * g * g;
+                    let (m, v) = (m[at] / (1.0 - 0.9f64.powi(number as i32)), v[at] / (1.0 - 0.999f64.powi(number as i32)));
+                    expected[at] -= 1e-2 * m / (v.sqrt() + 1e-8);
+                }
+            }
+            for (found, expected) in values.iter().zip(&expected) {
+                prop_assert!((*found as f64 - expected).abs() < 1e-6, "{arch:?}: {found}, not {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn sums_over_many_values() {
+    let values = numbers(3, 5000, 1.0);
+    let exact: f64 = values.iter().map(|&value| (value as f64).powi(2)).sum();
+    assert!((sum_of_squares(&values) / exact - 1.0).abs() < 1e-6);
+    let mut sums = [7.0; 50];
+    sum_rows(&values, &mut sums);
+    for (column, sum) in sums.iter().enumerate() {
+        let exact: f64 = values.iter().skip(column).step_by(50).map(|&value| value as f64).sum();
+        assert!((*sum as f64 - exact).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn a_derivative_passes_where_relu_does() {
+    let mut y: Vec<f32> = (-20..20).map(|i| i as f32).collect();
+    let mut d = vec![2.0; 40];
+    relu(&mut y);
+    relu_backward(&y, &mut d);
+    assert!(d.iter().enumerate().all(|(i, &d)| d == if i > 20 { 2.0 } else { 0.0 }), "{d:?}");
+}

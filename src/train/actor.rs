@@ -1,0 +1,136 @@
+//! The actor's part of an update: PPO's clipped surrogate and entropy.
+
+use std::ops::Range;
+
+use super::batch::{Batch, gather};
+use super::memory::Buffer;
+use super::network::ActorNetwork;
+use super::parameters::Parameters;
+use super::settings::Settings;
+use crate::nn::Dims;
+
+/// An actor in training, and the agents it serves.
+#[derive(Clone, Debug)]
+pub struct Actor {
+    /// Its weights.
+    pub parameters: Parameters,
+    pub(super) agents: Range<usize>,
+    ids: usize,
+    network: ActorNetwork,
+    x: Buffer,
+    /// Logarithms of the probabilities of what was done, before this update, `[T, E, its agents]`.
+    old: Buffer,
+    d: Buffer,
+    /// The loss over its agents.
+    pub(super) loss: f64,
+    /// The mean entropy of its policy, nat.
+    pub(super) entropy: f64,
+    /// The square of the norm of its gradient.
+    pub(super) squared_norm: f64,
+}
+
+/// Keeps the logarithm of a probability finite.
+const TINY: f32 = 1e-10;
+
+impl Actor {
+    /// An untrained actor of `agents`.
+    pub(super) fn new(settings: &Settings, dims: &Dims, agents: Range<usize>, seed: u64) -> Actor {
+        let networks = &settings.networks;
+        Actor {
+            parameters: Parameters::untrained(networks.actor_tensors(agents.start, dims), seed),
+            agents,
+            ids: networks.sharing.id_len(dims),
+            network: ActorNetwork::new(networks.actor),
+            x: Buffer::default(),
+            old: Buffer::default(),
+            d: Buffer::default(),
+            loss: 0.0,
+            entropy: 0.0,
+            squared_norm: 0.0,
+        }
+    }
+
+    /// Once per update: takes the inputs from the batch.
+    pub(super) fn begin(&mut self, batch: &Batch) {
+        let joint = &batch.joint[..batch.joint.len() / (batch.steps + 1) * batch.steps];
+        let width = joint.len() / (batch.steps * batch.episodes);
+        gather(joint, 1, width, &self.agents, self.ids, &mut self.x);
+    }
+
+    /// One epoch: the gradient of the loss, a mean over the batch's steps, episodes and agents. `advantages` is
+    /// `[T, E, agents]` as the actions are; `available` says how many actions each agent has. In the `first`
+    /// epoch the policy is still the old one.
+    pub(super) fn differentiate(
+        &mut self,
+        settings: &Settings,
+        batch: &Batch,
+        available: &[usize],
+        advantages: &[f32],
+        first: bool,
+    ) {
+        let rows = batch.episodes * self.agents.len();
+        let Parameters { values, gradient, .. } = &mut self.parameters;
+        let logits = self.network.forward(values, batch.steps, rows, &self.x);
+        let n_actions = logits.len() / (batch.steps * rows);
+        let (old, d) = (self.old.resize(batch.steps * rows), self.d.resize(logits.len()));
+        let n_agents = available.len();
+        let (clip, entropy_coefficient) = (settings.clip as f32, settings.entropy_coefficient as f32);
+        let entries = batch.actions.len() as f32;
+
+        let (mut loss, mut entropies) = (0.0, 0.0);
+        for (at, (logits, d)) in logits.chunks_exact(n_actions).zip(d.chunks_exact_mut(n_actions)).enumerate()
+        {
+            let agent = self.agents.start + at % self.agents.len();
+            let entry = at / self.agents.len() * n_agents + agent;
+            let (action, advantage) = (usize::from(batch.actions[entry]), advantages[entry]);
+
+            // Actions that the agent does not have have probability zero, and so has their derivative.
+            let (pi, missing) = d.split_at_mut(available[agent]);
+            softmax(&logits[..pi.len()], pi);
+            missing.fill(0.0);
+
+            let log_pi = (pi[action] + TINY).ln();
+            if first {
+                old[at] = log_pi;
+            }
+            let ratio = (log_pi - old[at]).exp();
+            let clipped = ratio.clamp(1.0 - clip, 1.0 + clip);
+            // The gradient flows where the surrogate is the ratio's own, not the bound's.
+            let surrogate = (ratio * advantage).min(clipped * advantage);
+            let d_log_pi = if surrogate < ratio * advantage { 0.0 } else { ratio * advantage };
+
+            let entropy = -pi.iter().map(|&p| p * (p + TINY).ln()).sum::<f32>();
+            loss -= f64::from(surrogate + entropy_coefficient * entropy);
+            entropies += f64::from(entropy);
+            let d_taken = -d_log_pi / (pi[action] + TINY) / entries;
+            let d_entropy = -entropy_coefficient / entries;
+            softmax_backward(pi, action, d_taken, d_entropy);
+        }
+        let count = (batch.steps * rows) as f64;
+        (self.loss, self.entropy) = (loss / count, entropies / count);
+        self.network.backward(values, batch.steps, rows, &self.x, &self.d, gradient);
+        self.squared_norm = self.parameters.squared_norm();
+    }
+}
+
+/// Probabilities from logits.
+fn softmax(logits: &[f32], pi: &mut [f32]) {
+    let largest = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let mut sum = 0.0;
+    for (pi, logit) in pi.iter_mut().zip(logits) {
+        *pi = (logit - largest).exp();
+        sum += *pi;
+    }
+    pi.iter_mut().for_each(|pi| *pi /= sum);
+}
+
+/// From probabilities to the derivative by their logits, in place, of a loss that changes by `d_taken` with the
+/// probability of `action`, and by `d_entropy` with the entropy.
+fn softmax_backward(pi: &mut [f32], action: usize, d_taken: f32, d_entropy: f32) {
+    let d_pi = |at: usize, p: f32| {
+        let of_entropy = -(p + TINY).ln() - p / (p + TINY);
+        d_entropy * of_entropy + if at == action { d_taken } else { 0.0 }
+    };
+    let mean: f32 = pi.iter().enumerate().map(|(at, &p)| p * d_pi(at, p)).sum();
+    pi.iter_mut().enumerate().for_each(|(at, p)| *p *= d_pi(at, *p) - mean);
+}

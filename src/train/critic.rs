@@ -1,0 +1,107 @@
+//! The critic: what the rest of an episode is worth.
+
+use std::ops::Range;
+
+use super::batch::{Batch, gather};
+use super::memory::{Buffer, Flat};
+use super::network::Mlp;
+use super::parameters::Parameters;
+use super::returns::returns;
+use super::settings::{CriticInput, Settings};
+use crate::nn::{Dims, critic_tensors};
+
+/// A critic in training, and the agents it serves.
+#[derive(Clone, Debug)]
+pub struct Critic {
+    /// Its weights.
+    pub parameters: Parameters,
+    pub(super) agents: Range<usize>,
+    /// The weights that returns are estimated with.
+    pub target: Flat,
+    ids: usize,
+    network: Mlp,
+    x: Buffer,
+    returns: Buffer,
+    /// Return minus value, `[T, E, its agents]`.
+    pub(super) advantages: Buffer,
+    d: Buffer,
+    /// The mean of the squared advantages, over its agents.
+    pub(super) loss: f64,
+    /// The square of the norm of its gradient.
+    pub(super) squared_norm: f64,
+}
+
+impl Critic {
+    /// An untrained critic of `agents`.
+    pub(super) fn new(
+        settings: &Settings,
+        dims: &Dims,
+        observation: usize,
+        agents: Range<usize>,
+        seed: u64,
+    ) -> Critic {
+        let ids = settings.critic_sharing.id_len(dims);
+        let inputs = match settings.critic_input {
+            CriticInput::AllObservations => dims.n_agents * observation,
+            CriticInput::Joint => dims.joint,
+            CriticInput::OwnObservation => observation,
+        };
+        let specs =
+            critic_tensors(settings.critic_sharing, agents.start, inputs + ids, settings.networks.hidden);
+        let parameters = Parameters::untrained(specs, seed);
+        Critic {
+            target: parameters.values.clone(),
+            parameters,
+            agents,
+            ids,
+            network: Mlp::default(),
+            x: Buffer::default(),
+            returns: Buffer::default(),
+            advantages: Buffer::default(),
+            d: Buffer::default(),
+            loss: 0.0,
+            squared_norm: 0.0,
+        }
+    }
+
+    /// Once per update: takes the inputs from the batch, and the returns from the target's values.
+    pub(super) fn begin(&mut self, settings: &Settings, n_agents: usize, batch: &Batch, rewards: &[f32]) {
+        let (inputs, sources) = match settings.critic_input {
+            CriticInput::AllObservations => (&batch.observations, 1),
+            CriticInput::Joint => (&batch.joint, 1),
+            CriticInput::OwnObservation => (&batch.observations, n_agents),
+        };
+        let width = inputs.len() / ((batch.steps + 1) * batch.episodes * sources);
+        gather(inputs, sources, width, &self.agents, self.ids, &mut self.x);
+        let rows = batch.episodes * self.agents.len();
+        let values = self.network.forward(&self.target, (batch.steps + 1) * rows, &self.x);
+        let to = self.returns.resize(batch.steps * rows);
+        returns(settings.estimator, settings.gamma, rewards, values, self.agents.len(), to);
+    }
+
+    /// One epoch: the advantages, and the gradient of the mean of `(return - value)^2` over all `entries`
+    /// (steps, episodes and agents) of the batch.
+    pub(super) fn differentiate(&mut self, entries: usize) {
+        let rows = self.returns.len();
+        // The inputs after the last action are for the target alone.
+        let inputs = self.parameters.specs[0].shape[0];
+        let x = &self.x[..rows * inputs];
+        let values = self.network.forward(&self.parameters.values, rows, x);
+        let (advantages, d) = (self.advantages.resize(rows), self.d.resize(rows));
+        let mut sum = 0.0;
+        for (at, (advantage, d)) in advantages.iter_mut().zip(d.iter_mut()).enumerate() {
+            *advantage = self.returns[at] - values[at];
+            *d = -2.0 * *advantage / entries as f32;
+            sum += f64::from(*advantage).powi(2);
+        }
+        self.loss = sum / rows as f64;
+        let Parameters { values, gradient, .. } = &mut self.parameters;
+        self.network.backward(values, rows, x, &self.d, gradient);
+        self.squared_norm = self.parameters.squared_norm();
+    }
+
+    /// The target becomes the critic.
+    pub(super) fn renew_target(&mut self) {
+        self.target.all_mut().copy_from_slice(self.parameters.values.all());
+    }
+}

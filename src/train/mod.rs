@@ -1,0 +1,32 @@
+//! Training: how a team learns from a batch of episodes.
+//!
+//! ```text
+//!     Batch -> Critic  -> returns - values = advantages -> Actor      (MAPPO, IPPO)
+//!                                            advantages -> Predictor  (value-aware)
+//!     replayed episodes ------------------------------->  Predictor  (MARO)
+//! ```
+//!
+//! Read [`Team::update`] first: it is one update of everything. Networks learn side by side on as many threads
+//! as they are given, and the result is the same to the last bit for any number of them.
+
+mod actor;
+mod batch;
+mod critic;
+pub mod memory;
+pub mod network;
+mod parameters;
+mod predictor;
+mod returns;
+mod settings;
+mod team;
+#[cfg(test)]
+mod tests;
+mod threads;
+
+pub use actor::Actor;
+pub use batch::{Batch, Trajectories};
+pub use critic::Critic;
+pub use parameters::Parameters;
+pub use predictor::Predictor;
+pub use settings::{CriticInput, Estimator, Objective, PredictorSettings, Settings};
+pub use team::{Losses, Team};

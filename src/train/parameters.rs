@@ -1,0 +1,61 @@
+//! The weights of a network in training: values, gradient and the moments of Adam.
+
+use super::memory::Flat;
+use crate::nn::TensorSpec;
+use crate::nn::kernels::{self, AdamStep};
+
+/// The weights of one network, the gradient of its loss, and the moments of Adam, all of one layout.
+#[derive(Clone, Debug)]
+pub struct Parameters {
+    /// What the tensors are called, and their shapes.
+    pub specs: Vec<TensorSpec>,
+    /// The weights.
+    pub values: Flat,
+    /// The gradient by the weights.
+    pub gradient: Flat,
+    mean: Flat,
+    square: Flat,
+    steps: u64,
+}
+
+impl Parameters {
+    /// Untrained weights: PyTorch's default initialisation, see [`TensorSpec::untrained`].
+    pub fn untrained(specs: Vec<TensorSpec>, seed: u64) -> Parameters {
+        let zeros = Flat::zeros(&specs);
+        let mut values = zeros.clone();
+        for (at, spec) in specs.iter().enumerate() {
+            let tensor = values.tensor_mut(at).iter_mut();
+            tensor.zip(spec.untrained(seed)).for_each(|(value, drawn)| *value = drawn);
+        }
+        let [gradient, mean, square] = [zeros.clone(), zeros.clone(), zeros];
+        Parameters { specs, values, gradient, mean, square, steps: 0 }
+    }
+
+    /// The tensors with their names and shapes.
+    pub fn tensors(&self) -> impl Iterator<Item = (&TensorSpec, &[f32])> {
+        self.specs.iter().enumerate().map(|(at, spec)| (spec, self.values.tensor(at)))
+    }
+
+    /// The square of the gradient's norm.
+    pub fn squared_norm(&self) -> f64 {
+        kernels::sum_of_squares(self.gradient.all())
+    }
+
+    /// One step of Adam against the gradient times `scale`.
+    pub fn step(&mut self, learning_rate: f64, scale: f64) {
+        self.steps += 1;
+        kernels::adam(
+            AdamStep::new(self.steps, learning_rate, scale),
+            self.gradient.all(),
+            self.mean.all_mut(),
+            self.square.all_mut(),
+            self.values.all_mut(),
+        );
+    }
+}
+
+/// What to multiply gradients with of this norm so that it is at most `largest`, as PyTorch's
+/// `clip_grad_norm_` does.
+pub(super) fn clip_scale(norm: f64, largest: f64) -> f64 {
+    (largest / (norm + 1e-6)).min(1.0)
+}

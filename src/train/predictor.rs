@@ -1,0 +1,134 @@
+//! The predictor's part of an update: Gaussian likelihood of the next joint observation, weighted.
+
+use super::batch::Trajectories;
+use super::memory::{Buffer, Flat};
+use super::network::Lstm;
+use super::parameters::{Parameters, clip_scale};
+use super::settings::{Objective, PredictorSettings};
+use crate::nn::{Dims, PredictorSpec};
+
+/// A predictor in training.
+#[derive(Clone, Debug)]
+pub struct Predictor {
+    /// Its weights.
+    pub parameters: Parameters,
+    settings: PredictorSettings,
+    n_agents: usize,
+    predicted: usize,
+    /// Dims that are never predicted, and so no part of the likelihood.
+    held: Vec<usize>,
+    network: Lstm,
+    /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
+    weights: Buffer,
+    d: Buffer,
+    /// The clipped gradient of the step before, if it is carried on.
+    carried: Option<Flat>,
+}
+
+impl Predictor {
+    /// An untrained predictor.
+    pub(super) fn new(
+        spec: &PredictorSpec,
+        settings: &PredictorSettings,
+        dims: &Dims,
+        seed: u64,
+    ) -> Predictor {
+        let specs = spec.tensors(dims);
+        Predictor {
+            carried: settings.carry_gradients.then(|| Flat::zeros(&specs)),
+            parameters: Parameters::untrained(specs, seed),
+            settings: settings.clone(),
+            n_agents: dims.n_agents,
+            predicted: dims.predicted,
+            held: spec.held.clone(),
+            network: Lstm::default(),
+            weights: Buffer::default(),
+            d: Buffer::default(),
+        }
+    }
+
+    /// One step on the `batch` and its `advantages` `[T, E, agents]`, or on `replay`, as its objective asks.
+    /// Returns the loss; `None` if there was nothing to learn from: no replay yet, or no step that counts.
+    pub(super) fn learn(
+        &mut self,
+        batch: Trajectories,
+        advantages: &[f32],
+        replay: Option<Trajectories>,
+    ) -> Option<f64> {
+        match self.settings.objective {
+            Objective::Maro => {
+                let replay = replay?;
+                let steps = replay.observations.saturating_sub(1);
+                self.weights.resize(steps * replay.rows * self.n_agents).fill(1.0);
+                self.step(replay)
+            }
+            Objective::ValueAware { lambda } => {
+                // Dividing by the mean weight, as the paper does, cancels in the loss.
+                let steps = batch.observations.saturating_sub(1);
+                let weights = self.weights.resize(steps * batch.rows * self.n_agents).iter_mut();
+                weights.zip(advantages).for_each(|(w, a)| *w = (1.0 + lambda as f32 * a).max(0.0));
+                self.step(batch)
+            }
+        }
+    }
+
+    /// One step of Adam on the mean of the negative log-likelihood by `self.weights`.
+    fn step(&mut self, trajectories: Trajectories) -> Option<f64> {
+        let loss = self.differentiate(trajectories)?;
+        let gradient = &mut self.parameters.gradient;
+        if let Some(carried) = &self.carried {
+            let carried = carried.all().iter();
+            gradient.all_mut().iter_mut().zip(carried).for_each(|(gradient, carried)| *gradient += carried);
+        }
+        let scale = clip_scale(self.parameters.squared_norm().sqrt(), self.settings.largest_gradient);
+        if let Some(carried) = &mut self.carried {
+            let gradient = self.parameters.gradient.all().iter();
+            let carried = carried.all_mut().iter_mut();
+            carried.zip(gradient).for_each(|(carried, gradient)| *carried = gradient * scale as f32);
+        }
+        self.parameters.step(self.settings.learning_rate, scale);
+        Some(loss)
+    }
+
+    /// The loss and its gradient.
+    fn differentiate(&mut self, trajectories: Trajectories) -> Option<f64> {
+        let Trajectories { rows, observations, joint } = trajectories;
+        let total: f64 = self.weights.iter().map(|&weight| f64::from(weight)).sum();
+        if total == 0.0 {
+            return None;
+        }
+        let steps = observations - 1;
+        let width = self.parameters.specs[0].shape[0];
+        let x = &joint[..steps * rows * width];
+        let next = &joint[rows * width..observations * rows * width];
+        let Parameters { values, gradient, .. } = &mut self.parameters;
+        let out = self.network.forward(values, steps, rows, x);
+
+        let d = self.d.resize(out.len());
+        d.fill(0.0);
+        let mut loss = 0.0;
+        let moves = x.chunks_exact(width).zip(next.chunks_exact(width));
+        let outs = out.chunks_exact(2 * self.predicted).zip(d.chunks_exact_mut(2 * self.predicted));
+        let unique = self.predicted / self.n_agents;
+        for (((before, after), (out, d)), weights) in
+            moves.zip(outs).zip(self.weights.chunks_exact(self.n_agents))
+        {
+            let (mean, raw) = out.split_at(self.predicted);
+            let (d_mean, d_raw) = d.split_at_mut(self.predicted);
+            for dim in (0..self.predicted).filter(|dim| !self.held.contains(dim)) {
+                let share = f64::from(weights[dim / unique]) / total;
+                // -log N(delta; mean, exp(raw)) = z^2 / 2 + raw + log sqrt(2 pi), z = (delta - mean) / exp(raw)
+                let scale = (-raw[dim]).exp();
+                let z = (after[dim] - before[dim] - mean[dim]) * scale;
+                loss += share * f64::from(0.5 * z * z + raw[dim] + HALF_LOG_TWO_PI);
+                d_mean[dim] = -share as f32 * z * scale;
+                d_raw[dim] = share as f32 * (1.0 - z * z);
+            }
+        }
+        self.network.backward(values, steps, rows, x, &self.d, gradient);
+        Some(loss)
+    }
+}
+
+/// `log sqrt(2 pi)`.
+const HALF_LOG_TWO_PI: f32 = 0.918_938_5;

@@ -1,0 +1,201 @@
+//! A team in training, and one update of it.
+
+use super::actor::Actor;
+use super::batch::{Batch, Trajectories};
+use super::critic::Critic;
+use super::memory::Buffer;
+use super::parameters::clip_scale;
+use super::predictor::Predictor;
+use super::returns::standardise;
+use super::settings::Settings;
+use super::threads::side_by_side;
+use crate::nn::{Dims, Sharing};
+
+/// Actors, critics and predictors that learn together.
+#[derive(Clone, Debug)]
+pub struct Team {
+    /// One per agent, or one.
+    pub actors: Vec<Actor>,
+    /// One per agent, or one.
+    pub critics: Vec<Critic>,
+    /// Those of the settings.
+    pub predictors: Vec<Predictor>,
+    settings: Settings,
+    joint: usize,
+    /// How many actions each agent has: the first ones.
+    available: Vec<usize>,
+    threads: usize,
+    updates: u64,
+    rewards: Buffer,
+    /// Of the critics' last epoch, `[T, E, agents]`.
+    advantages: Buffer,
+    losses: Losses,
+}
+
+/// What an update says of itself, all of its last epoch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Losses {
+    /// The critics' mean squared error, over all agents.
+    pub critic: f64,
+    /// The actors' loss: minus surrogate and weighed entropy, over all agents.
+    pub actor: f64,
+    /// The mean entropy of the policies, nat.
+    pub entropy: f64,
+    /// The norm of the critics' gradient, before it is clipped.
+    pub critic_gradient: f64,
+    /// The norm of the actors' gradient, before it is clipped.
+    pub actor_gradient: f64,
+    /// The loss of each predictor; `None` where there was nothing to learn from.
+    pub predictors: Vec<Option<f64>>,
+}
+
+/// A network's turn in a round; actors and critics know which epoch they are in.
+enum Turn<'a> {
+    Actor(&'a mut Actor, usize),
+    Critic(&'a mut Critic, usize),
+    Predictor(&'a mut Predictor, &'a mut Option<f64>),
+}
+
+impl Team {
+    /// An untrained team for `dims` with padded observations of length `observation`, of which agent i has the
+    /// first `available[i]` actions. It learns on `threads` threads.
+    pub fn untrained(
+        settings: Settings,
+        dims: &Dims,
+        observation: usize,
+        available: &[usize],
+        seed: u64,
+        threads: usize,
+    ) -> Team {
+        assert_eq!(available.len(), dims.n_agents, "every agent has actions");
+        assert_eq!(
+            settings.predictors.len(),
+            settings.networks.predictors.len(),
+            "every predictor has settings"
+        );
+        // The agents of each network.
+        let groups = |sharing: Sharing| {
+            let size = match sharing {
+                Sharing::Separate => 1,
+                Sharing::Shared => dims.n_agents,
+            };
+            (0..dims.n_agents).step_by(size).map(move |first| first..first + size)
+        };
+        let (actors, critics) = (groups(settings.networks.sharing), groups(settings.critic_sharing));
+        let predictors = settings.networks.predictors.iter().zip(&settings.predictors);
+        Team {
+            actors: actors.map(|agents| Actor::new(&settings, dims, agents, seed)).collect(),
+            critics: critics.map(|agents| Critic::new(&settings, dims, observation, agents, seed)).collect(),
+            predictors: predictors.map(|(spec, how)| Predictor::new(spec, how, dims, seed)).collect(),
+            joint: dims.joint,
+            available: available.to_vec(),
+            threads,
+            updates: 0,
+            rewards: Buffer::default(),
+            advantages: Buffer::default(),
+            losses: Losses { predictors: vec![None; settings.predictors.len()], ..Losses::default() },
+            settings,
+        }
+    }
+
+    /// One update of everything on the episodes of `batch`, and of predictors that learn from replayed episodes
+    /// on `replay`.
+    ///
+    /// An epoch is a step of the critics, then one of the actors on the advantages that the critics had before.
+    /// Gradients are clipped together, so a network has to wait for its like between gradient and step; but
+    /// critics need nothing of the actors. So a round is one turn of every network: the step that its last
+    /// gradient asks for, then the next gradient, with the actors one epoch behind. The predictors have their
+    /// turn when the last advantages are there.
+    pub fn update(&mut self, batch: &Batch, replay: Option<Trajectories>) -> &Losses {
+        batch.check(self.available.len(), self.joint);
+        self.rewards.resize(batch.rewards.len()).copy_from_slice(&batch.rewards);
+        if self.settings.standardise_rewards {
+            standardise(&mut self.rewards);
+        }
+        // The critics' last step is in round `epochs`, the actors' in the one after it.
+        for round in 0..=self.settings.epochs + 1 {
+            self.take_turns(round, batch, replay);
+            self.meet(batch);
+        }
+        self.updates += 1;
+        if self.updates.is_multiple_of(self.settings.target_interval) {
+            self.critics.iter_mut().for_each(Critic::renew_target);
+        }
+        self.note_losses();
+        &self.losses
+    }
+
+    /// The advantages of the last update's last epoch, `[T, E, agents]`.
+    pub fn advantages(&self) -> &[f32] {
+        &self.advantages
+    }
+
+    /// One round: the turns of all networks, side by side.
+    fn take_turns(&mut self, round: usize, batch: &Batch, replay: Option<Trajectories>) {
+        let Settings { epochs, learning_rate, largest_gradient, .. } = self.settings;
+        let actor_scale = clip_scale(self.losses.actor_gradient, largest_gradient);
+        let critic_scale = clip_scale(self.losses.critic_gradient, largest_gradient);
+        let (settings, available) = (&self.settings, &self.available[..]);
+        let (rewards, advantages) = (&self.rewards[..], &self.advantages[..]);
+
+        // Whoever takes longest begins.
+        let predictors = self.predictors.iter_mut().zip(&mut self.losses.predictors);
+        let predictors = predictors.filter(|_| round == epochs);
+        let actors = self.actors.iter_mut().filter(|_| round >= 1);
+        let critics = self.critics.iter_mut().filter(|_| round <= epochs);
+        let turns = predictors
+            .map(|(predictor, loss)| Turn::Predictor(predictor, loss))
+            .chain(actors.map(|actor| Turn::Actor(actor, round - 1)))
+            .chain(critics.map(|critic| Turn::Critic(critic, round)));
+        side_by_side(self.threads, turns, |turn| match turn {
+            Turn::Critic(critic, epoch) => {
+                match epoch {
+                    0 => critic.begin(settings, available.len(), batch, rewards),
+                    _ => critic.parameters.step(learning_rate, critic_scale),
+                }
+                if epoch < epochs {
+                    critic.differentiate(batch.actions.len());
+                }
+            }
+            Turn::Actor(actor, epoch) => {
+                match epoch {
+                    0 => actor.begin(batch),
+                    _ => actor.parameters.step(learning_rate, actor_scale),
+                }
+                if epoch < epochs {
+                    actor.differentiate(settings, batch, available, advantages, epoch == 0);
+                }
+            }
+            Turn::Predictor(predictor, loss) => {
+                *loss = predictor.learn(batch.trajectories(), advantages, replay);
+            }
+        });
+    }
+
+    /// Between rounds: the advantages that each critic has for its agents come together, and so do the norms.
+    fn meet(&mut self, batch: &Batch) {
+        let n_agents = self.available.len();
+        let advantages = self.advantages.resize(batch.actions.len());
+        for critic in &self.critics {
+            let own = critic.advantages.chunks_exact(critic.agents.len());
+            for (own, all) in own.zip(advantages.chunks_exact_mut(n_agents)) {
+                all[critic.agents.clone()].copy_from_slice(own);
+            }
+        }
+        let norm = |squares: &mut dyn Iterator<Item = f64>| squares.sum::<f64>().sqrt();
+        let losses = &mut self.losses;
+        losses.actor_gradient = norm(&mut self.actors.iter().map(|actor| actor.squared_norm));
+        losses.critic_gradient = norm(&mut self.critics.iter().map(|critic| critic.squared_norm));
+    }
+
+    fn note_losses(&mut self) {
+        let n_agents = self.available.len() as f64;
+        let losses = &mut self.losses;
+        let over_agents = |parts: &mut dyn Iterator<Item = (f64, usize)>| {
+            parts.map(|(mean, agents)| mean * agents as f64).sum::<f64>() / n_agents
+        };
+        losses.critic = over_agents(&mut self.critics.iter().map(|c| (c.loss, c.agents.len())));
+        losses.actor = over_agents(&mut self.actors.iter().map(|a| (a.loss, a.agents.len())));
+        losses.entropy = over_agents(&mut self.actors.iter().map(|a| (a.entropy, a.agents.len())));
+    }
+}

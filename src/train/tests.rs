@@ -1,0 +1,292 @@
+//! Updates against their definitions. That they are the paper's, `tests/verify.rs` shows on recorded ones.
+
+use super::batch::gather;
+use super::memory::{Buffer, Flat};
+use super::network::ActorNetwork;
+use super::returns::{returns, standardise};
+use super::*;
+use crate::nn::{ActorKind, Dims, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
+use crate::rng::{Draws, Purpose};
+
+const N: usize = 3;
+const OBSERVATION: usize = 4;
+/// The second agent lacks two actions.
+const AVAILABLE: [usize; N] = [5, 3, 5];
+
+fn numbers(seed: u64, n: usize) -> Vec<f32> {
+    let mut draws = Draws::new(seed, Purpose::Reset, 0, 0);
+    (0..n).map(|_| draws.between(-1.0, 1.0) as f32).collect()
+}
+
+fn dims() -> Dims {
+    Dims { task: "toy".to_string(), n_agents: N, joint: 8, predicted: 6, n_actions: 5 }
+}
+
+fn batch(seed: u64) -> Batch {
+    let (episodes, steps) = (4, 6);
+    let rows = episodes * steps;
+    Batch {
+        episodes,
+        steps,
+        observations: numbers(seed, (rows + episodes) * N * OBSERVATION),
+        joint: numbers(seed + 1, (rows + episodes) * dims().joint),
+        actions: (0..rows * N).map(|at| (at * 7 % AVAILABLE[at % N]) as u8).collect(),
+        rewards: numbers(seed + 2, rows),
+    }
+}
+
+fn settings(actor: ActorKind, sharing: Sharing) -> Settings {
+    let predictor = |name| PredictorSpec { hidden: 5, ..PredictorSpec::paper(name) };
+    let networks = Networks {
+        actor,
+        sharing,
+        hidden: 12,
+        predictors: vec![predictor("value-aware"), predictor("maro")],
+    };
+    let objectives = [Objective::ValueAware { lambda: 1.0 }, Objective::Maro];
+    Settings {
+        networks,
+        critic_sharing: sharing,
+        predictors: objectives.map(PredictorSettings::paper).to_vec(),
+        entropy_coefficient: 0.5,
+        ..Settings::paper(actor)
+    }
+}
+
+fn team(settings: Settings, threads: usize) -> Team {
+    Team::untrained(settings, &dims(), OBSERVATION, &AVAILABLE, 5, threads)
+}
+
+fn kinds() -> impl Iterator<Item = (ActorKind, Sharing)> {
+    let kinds = [ActorKind::Mlp, ActorKind::Gru].into_iter();
+    kinds.flat_map(|kind| [(kind, Sharing::Separate), (kind, Sharing::Shared)])
+}
+
+fn weights(team: &Team) -> Vec<u32> {
+    let actors = team.actors.iter().map(|actor| &actor.parameters);
+    let critics = team.critics.iter().map(|critic| &critic.parameters);
+    let predictors = team.predictors.iter().map(|predictor| &predictor.parameters);
+    let all = actors.chain(critics).chain(predictors);
+    all.flat_map(|parameters| parameters.values.all()).map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn any_number_of_threads_comes_to_the_same_bits() {
+    for (kind, sharing) in kinds() {
+        let learn = |threads| {
+            let mut team = team(settings(kind, sharing), threads);
+            for seed in 0..3 {
+                let (batch, replay) = (batch(seed), batch(seed + 100));
+                team.update(&batch, Some(replay.trajectories()));
+            }
+            let losses = team.update(&batch(9), None).clone();
+            (weights(&team), losses)
+        };
+        let one = learn(1);
+        assert!(one.1.predictors[0].is_some() && one.1.predictors[1].is_none());
+        for threads in [2, 5] {
+            assert_eq!(learn(threads), one, "{kind}, {sharing}, {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn learner_and_agents_compute_the_same_bits() {
+    for (kind, sharing) in kinds() {
+        let settings = settings(kind, sharing);
+        let (team, batch) = (team(settings.clone(), 1), batch(1));
+        let actors = team.actors.iter().flat_map(|actor| actor.parameters.tensors());
+        let predictors = team.predictors.iter().flat_map(|predictor| predictor.parameters.tensors());
+        let values: Vec<f32> = actors.chain(predictors).flat_map(|(_, values)| values).copied().collect();
+        let policy = Policy::new(&dims(), Meta::new("toy", 0), settings.networks.clone(), &values).unwrap();
+        for agent in 0..N {
+            let weights = &team.actors[agent.min(team.actors.len() - 1)].parameters.values;
+            let mut x = Buffer::default();
+            gather(&batch.joint, 1, dims().joint, &(agent..agent + 1), sharing.id_len(&dims()), &mut x);
+            let mut network = ActorNetwork::new(kind);
+            let learned = network.forward(weights, batch.steps + 1, batch.episodes, &x);
+
+            let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
+            let mut hidden = vec![0.0; batch.episodes * actor.state_len()];
+            let mut logits = vec![0.0; batch.episodes * dims().n_actions];
+            let steps = batch.joint.chunks_exact(batch.episodes * dims().joint);
+            for (inputs, learned) in steps.zip(learned.chunks_exact(logits.len())) {
+                actor.forward(batch.episodes, inputs, &mut hidden, &mut scratch, &mut logits);
+                let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+                assert_eq!(bits(&logits), bits(learned), "{kind}, {sharing}, agent {agent}");
+            }
+        }
+    }
+}
+
+/// Moves weights along their gradient and back: the loss must change by the square of the gradient's norm.
+fn check_gradient(what: &str, values: &Flat, gradient: &Flat, mut loss: impl FnMut(&Flat) -> f64) {
+    let squared: f64 = gradient.all().iter().map(|&g| f64::from(g).powi(2)).sum();
+    // Short, because a ReLU or a clipped ratio bends the loss.
+    let distance = 2e-4 / squared.sqrt();
+    let mut at = |sign: f64| {
+        let mut moved = values.clone();
+        let pairs = moved.all_mut().iter_mut().zip(gradient.all());
+        pairs.for_each(|(value, g)| *value += (sign * distance) as f32 * g);
+        loss(&moved)
+    };
+    let slope = (at(1.0) - at(-1.0)) / (2.0 * distance);
+    assert!((slope / squared - 1.0).abs() < 1e-2, "{what}: the loss changes by {slope}, not {squared}");
+}
+
+#[test]
+fn the_gradient_of_an_actor_is_that_of_its_loss() {
+    for (kind, sharing) in kinds() {
+        let (settings, batch) = (settings(kind, sharing), batch(3));
+        let advantages = numbers(8, batch.actions.len());
+        for mut actor in team(settings.clone(), 1).actors {
+            // The loss is a mean over the actor's own agents, the gradient one over all.
+            let share = actor.agents.len() as f64 / N as f64;
+            actor.begin(&batch);
+            actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, true);
+            // A step away from the old policy, some ratios are clipped and some are not.
+            actor.parameters.step(0.05, 1.0);
+            actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, false);
+            let (values, gradient) = (actor.parameters.values.clone(), actor.parameters.gradient.clone());
+            check_gradient(&format!("{kind}, {sharing}"), &values, &gradient, |values| {
+                actor.parameters.values = values.clone();
+                actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, false);
+                actor.loss * share
+            });
+        }
+    }
+}
+
+#[test]
+fn the_gradient_of_a_critic_is_that_of_its_loss() {
+    for input in [CriticInput::AllObservations, CriticInput::Joint, CriticInput::OwnObservation] {
+        for sharing in [Sharing::Separate, Sharing::Shared] {
+            let settings = Settings { critic_input: input, ..settings(ActorKind::Mlp, sharing) };
+            let batch = batch(4);
+            for mut critic in team(settings.clone(), 1).critics {
+                let share = critic.agents.len() as f64 / N as f64;
+                critic.begin(&settings, N, &batch, &batch.rewards);
+                critic.differentiate(batch.actions.len());
+                let (values, gradient) =
+                    (critic.parameters.values.clone(), critic.parameters.gradient.clone());
+                check_gradient(&format!("{input:?}, {sharing}"), &values, &gradient, |values| {
+                    critic.parameters.values = values.clone();
+                    critic.differentiate(batch.actions.len());
+                    critic.loss * share
+                });
+            }
+        }
+    }
+}
+
+/// A predictor for `objective` that does not move.
+fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool) -> Predictor {
+    let spec = PredictorSpec { hidden: 5, held, ..PredictorSpec::paper("p") };
+    let settings =
+        PredictorSettings { objective, learning_rate: 0.0, largest_gradient: 0.1, carry_gradients };
+    Predictor::new(&spec, &settings, &dims(), 2)
+}
+
+#[test]
+fn the_gradient_of_a_predictor_is_that_of_its_loss() {
+    let batch = batch(5);
+    let advantages = numbers(9, batch.actions.len());
+    for (objective, held) in [
+        (Objective::ValueAware { lambda: 2.0 }, vec![]),
+        (Objective::ValueAware { lambda: 1.0 }, vec![1, 4]),
+        (Objective::Maro, vec![]),
+    ] {
+        let mut predictor = still_predictor(objective, held, false);
+        let learn = |predictor: &mut Predictor| {
+            predictor.learn(batch.trajectories(), &advantages, Some(batch.trajectories())).unwrap()
+        };
+        learn(&mut predictor);
+        let (values, gradient) = (predictor.parameters.values.clone(), predictor.parameters.gradient.clone());
+        check_gradient(&format!("{objective:?}"), &values, &gradient, |values| {
+            predictor.parameters.values = values.clone();
+            learn(&mut predictor)
+        });
+    }
+}
+
+#[test]
+fn what_predictors_learn_from() {
+    let (batch, replay) = (batch(6), batch(7));
+    let advantages = numbers(10, batch.actions.len());
+    let learn = |objective, advantages: &[f32], replay: Option<Trajectories>| {
+        still_predictor(objective, vec![], false).learn(batch.trajectories(), advantages, replay)
+    };
+    let ablation = Objective::ValueAware { lambda: 0.0 };
+    let alike = learn(ablation, &advantages, None);
+    assert_eq!(learn(Objective::Maro, &advantages, Some(batch.trajectories())), alike);
+    assert_ne!(learn(Objective::Maro, &advantages, Some(replay.trajectories())), alike);
+    assert_ne!(learn(Objective::ValueAware { lambda: 1.0 }, &advantages, None), alike);
+    assert_eq!(learn(Objective::Maro, &advantages, None), None, "nothing is stored yet");
+    let hopeless = vec![-2.0; advantages.len()];
+    assert_eq!(learn(Objective::ValueAware { lambda: 1.0 }, &hopeless, None), None, "no step counts");
+}
+
+#[test]
+fn carried_gradients_are_clipped_and_added() {
+    let batch = batch(11);
+    let mut predictor = still_predictor(Objective::ValueAware { lambda: 0.0 }, vec![], true);
+    let mut gradient = || {
+        predictor.learn(batch.trajectories(), &[0.0; 72], None).unwrap();
+        predictor.parameters.gradient.all().to_vec()
+    };
+    let (first, second) = (gradient(), gradient());
+    let norm = first.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>().sqrt();
+    assert!(norm > 0.1, "there is something to clip: {norm}");
+    for (first, second) in first.iter().zip(&second) {
+        let expected = f64::from(*first) * (1.0 + 0.1 / norm);
+        assert!((f64::from(*second) - expected).abs() < 1e-5, "{second}, not {expected}");
+    }
+}
+
+#[test]
+fn targets_follow_when_it_is_time() {
+    let mut team = team(Settings { target_interval: 3, ..settings(ActorKind::Mlp, Sharing::Separate) }, 1);
+    let start = team.critics[1].target.all().to_vec();
+    for update in 1..=7 {
+        team.update(&batch(update), None);
+        let critic = &team.critics[1];
+        assert_eq!(critic.target.all() == start, update < 3, "update {update}");
+        assert_eq!(critic.target.all() == critic.parameters.values.all(), update % 3 == 0, "update {update}");
+    }
+}
+
+#[test]
+fn returns_worked_by_hand() {
+    // Two episodes of three steps, one agent; values of the second one are 10 higher.
+    let (rewards, values) = ([1.0, 10.0, 2.0, 20.0, 4.0, 40.0], [1.0, 11.0, 2.0, 12.0, 3.0, 13.0, 8.0, 18.0]);
+    let found = |estimator| {
+        let mut found = [0.0; 6];
+        returns(estimator, 0.5, &rewards, &values, 1, &mut found);
+        found
+    };
+    // r0 + g V1, r1 + g V2, and the last step's own value.
+    assert_eq!(found(Estimator::Steps(1)), [2.0, 16.0, 3.5, 26.5, 3.0, 13.0]);
+    // r0 + g r1 + g^2 V2, r1 + g V2, V2.
+    assert_eq!(found(Estimator::Steps(2)), [2.75, 23.25, 3.5, 26.5, 3.0, 13.0]);
+    assert_eq!(found(Estimator::Steps(2)), found(Estimator::Steps(5)));
+    // With lambda 0 one reward and the next value; with 1 all rewards and the last value.
+    assert_eq!(found(Estimator::Gae(0.0)), [2.0, 16.0, 3.5, 26.5, 8.0, 49.0]);
+    assert_eq!(found(Estimator::Gae(1.0)), [4.0, 32.25, 6.0, 44.5, 8.0, 49.0]);
+    // Two agents of one episode share its rewards.
+    let mut both = [0.0; 6];
+    returns(Estimator::Steps(1), 0.5, &[1.0, 2.0, 4.0], &values, 2, &mut both);
+    assert_eq!(both, [2.0, 7.0, 3.5, 8.5, 3.0, 13.0]);
+}
+
+#[test]
+fn standardised_rewards() {
+    let mut rewards = [1.0, 2.0, 3.0, 4.0];
+    standardise(&mut rewards);
+    let deviation = (5.0f64 / 3.0).sqrt() + 1e-5;
+    for (found, from_mean) in rewards.iter().zip([-1.5, -0.5, 0.5, 1.5]) {
+        assert!((f64::from(*found) - from_mean / deviation).abs() < 1e-7);
+    }
+    let mut alone = [3.0];
+    standardise(&mut alone);
+    assert_eq!(alone, [0.0]);
+}

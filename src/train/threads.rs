@@ -1,0 +1,30 @@
+//! Work side by side.
+
+use std::sync::{Mutex, PoisonError};
+
+/// Does `work` on every task, on `threads` threads, this one among them. A free thread takes the next task; no
+/// task sees another, so who does it makes no difference.
+pub(super) fn side_by_side<T: Send>(
+    threads: usize,
+    tasks: impl Iterator<Item = T> + Send,
+    work: impl Fn(T) + Sync,
+) {
+    if threads <= 1 {
+        return tasks.for_each(work);
+    }
+    let queue = Mutex::new(tasks);
+    let take_turns = || {
+        loop {
+            // The queue is free again before the work begins.
+            let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+            match next {
+                Some(task) => work(task),
+                None => break,
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        (1..threads).for_each(|_| drop(scope.spawn(take_turns)));
+        take_turns();
+    });
+}
