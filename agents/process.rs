@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::failed;
 
 /// How long an agent waits for its peers before it acts without those that are missing. In lockstep the
-/// supervisor ends the swarm before that: a slow peer must not change a result.
+/// supervisor ends the swarm before that, and refuses a decision made without them.
 const PEER_DEADLINE: Duration = Duration::from_secs(60);
 
 /// How long an agent tries to open what its supervisor has created.

@@ -124,7 +124,7 @@ fn an_interrupted_recording_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
     let swarm = common::Swarm::start(&format!("--agents 2 --record {}", path.display()));
-    swarm.signal_supervisor(rustix::process::Signal::INT);
+    swarm.signal_supervisor(rustix::process::Signal::TERM);
     assert_eq!(swarm.wait().0, Some(130));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }

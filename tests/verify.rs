@@ -151,6 +151,9 @@ fn broken_updates_are_refused() {
     let updates = Updates::new();
     std::fs::write(updates.at("update-2.safetensors"), b"no tensors").unwrap();
     fail(&updates.verify(), 1, &["update-2.safetensors"]);
+    // A gap is no end.
+    std::fs::rename(updates.at("update-2.safetensors"), updates.at("update-3.safetensors")).unwrap();
+    fail(&updates.verify(), 1, &["no update-2.safetensors"]);
     std::fs::remove_file(updates.at("update-1.safetensors")).unwrap();
     fail(&updates.verify(), 1, &["no update-1.safetensors"]);
 }

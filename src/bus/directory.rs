@@ -8,11 +8,12 @@
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::hash::{BuildHasher, RandomState};
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use rustix::fs::{FlockOperation, flock, statvfs};
+use rustix::fs::{AtFlags, CWD, FlockOperation, Mode, OFlags, flock, linkat, open, statvfs};
 
 use crate::error::{Error, Result};
 use crate::failed;
@@ -40,11 +41,10 @@ impl SwarmDirectory {
         let tag = format!("{:08x}", RandomState::new().hash_one(std::process::id()) as u32);
         let path = base.join(&tag);
         fs::create_dir(&path).map_err(|e| Error::io("create the directory", &path, e))?;
+        let locked = open_locked(&path)?.ok_or_else(|| failed!("{} is in use", path.display()))?;
         let in_memory = lock_file_of(&tag);
-        File::create(&in_memory).map_err(|e| Error::io("create", &in_memory, e))?;
-        let lock = |path: &Path| open_locked(path)?.ok_or_else(|| failed!("{} is in use", path.display()));
-        let locks = [lock(&path)?, lock(&in_memory)?];
-        Ok(SwarmDirectory { tag, _locks: locks })
+        let in_memory = create_locked(&in_memory).map_err(|e| Error::io("create", &in_memory, e))?;
+        Ok(SwarmDirectory { tag, _locks: [locked, in_memory] })
     }
 
     /// The swarm's tag.
@@ -162,6 +162,17 @@ fn open_locked(path: &Path) -> Result<Option<File>> {
     }
 }
 
+/// Makes a file that is locked before anybody can see it: those who look may hold another base lock.
+fn create_locked(path: &Path) -> rustix::io::Result<File> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+    let file = File::from(open(folder, flags, Mode::RUSR | Mode::WUSR)?);
+    flock(&file, FlockOperation::NonBlockingLockExclusive)?;
+    let nameless = format!("/proc/self/fd/{}", file.as_raw_fd());
+    linkat(CWD, nameless, CWD, path, AtFlags::SYMLINK_FOLLOW)?;
+    Ok(file)
+}
+
 /// Needs the lock of the base directory.
 fn dead_swarms() -> Result<Vec<Leftover>> {
     let mut tags = BTreeSet::new();
@@ -184,13 +195,21 @@ fn dead_swarms() -> Result<Vec<Leftover>> {
         }
         let files = shared_memory_of(&tag);
         let bytes = files.iter().filter_map(|file| fs::metadata(file).ok()).map(|m| m.blocks() * 512).sum();
-        dead.push(Leftover { tag, files: files.len(), bytes });
+        // Its supervisor may have removed it in the meantime.
+        if !files.is_empty() || root_of(&tag).exists() {
+            dead.push(Leftover { tag, files: files.len(), bytes });
+        }
     }
     Ok(dead)
 }
 
+/// What is not there, or has just gone, is not locked.
 fn is_locked(path: &Path) -> Result<bool> {
-    Ok(path.exists() && open_locked(path)?.is_none())
+    match open_locked(path) {
+        Ok(lock) => Ok(lock.is_none()),
+        Err(_) if !path.exists() => Ok(false),
+        Err(e) => Err(e),
+    }
 }
 
 fn is_tag(name: &str) -> bool {

@@ -22,7 +22,7 @@ pub struct Doctor {
 impl Doctor {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let findings = [cores(), shared_memory()?, writable(), open_files(), processes(), self.dead_swarms()];
+        let findings = [cores(), shared_memory(), writable(), open_files(), processes(), self.dead_swarms()];
         let text: String = findings.iter().map(|f| format!("{:<8}{}\n", f.mark(), f.words)).collect();
         print(&text)?;
         match findings.iter().filter(|finding| finding.health == Health::Bad).count() {
@@ -91,10 +91,12 @@ fn cores() -> Finding {
     }
 }
 
-fn shared_memory() -> Result<Finding> {
-    let (free, total) = shared_memory_free()?;
-    let layout = AgentSettings::for_task(&Task::parse("spread-xy-4")?).layout()?;
-    let needed = shared_memory_needed(4, 10, &layout);
+fn shared_memory() -> Finding {
+    let layout = Task::parse("spread-xy-4").and_then(|task| AgentSettings::for_task(&task).layout());
+    let (free, total, needed) = match (shared_memory_free(), layout) {
+        (Ok((free, total)), Ok(layout)) => (free, total, shared_memory_needed(4, 10, &layout)),
+        (Err(e), _) | (_, Err(e)) => return Finding::bad(e.to_string()),
+    };
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     let words = format!(
         "/dev/shm has {:.1} MiB free of {:.1} MiB; 4 agents with 10 worlds take up to {:.1} MiB",
@@ -102,7 +104,7 @@ fn shared_memory() -> Result<Finding> {
         mib(total),
         mib(needed)
     );
-    Ok(if free < needed { Finding::bad(words) } else { Finding::good(words) })
+    if free < needed { Finding::bad(words) } else { Finding::good(words) }
 }
 
 fn writable() -> Finding {

@@ -172,9 +172,10 @@ impl Spawn {
         bar.finish_and_clear();
         match played {
             Ok(()) => session.finish(),
-            // What is finished is worth reporting; half a recording or audit is not.
-            Err(Error::Interrupted(_)) if !session.statistics().episodes().is_empty() => {
-                Ok((session.statistics().clone(), None))
+            // What is finished is worth reporting; half a recording is worth nothing.
+            Err(e @ Error::Interrupted(_)) => {
+                let (statistics, audit) = session.abandon();
+                if statistics.episodes().is_empty() { Err(e) } else { Ok((statistics, audit)) }
             }
             Err(e) => Err(e),
         }

@@ -63,7 +63,7 @@ impl<P: AgentPort> Team for InProcess<P> {
         }
         while let Some(decision) = self.hub.receive_decision() {
             let agent = decision.header().sender as usize;
-            decisions.take(&self.task, agent, worlds, &layout.decision(decision.words(), worlds))?;
+            decisions.take(&self.task, tick, agent, &layout.decision(decision.words(), worlds))?;
         }
         self.members.iter_mut().for_each(Member::predict);
         Ok(())

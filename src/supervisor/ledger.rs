@@ -63,8 +63,7 @@ impl Ledger {
     }
 
     /// Closes the pages.
-    pub(super) fn end_episodes(&mut self, elapsed: Duration) -> Result<()> {
-        self.statistics.set_elapsed(elapsed);
+    pub(super) fn end_episodes(&mut self) -> Result<()> {
         self.playing.drain(..).for_each(|episode| self.statistics.push_episode(episode));
         match &mut self.recorder {
             Some(recorder) => self.recording.drain(..).try_for_each(|episode| recorder.push(&episode)),

@@ -102,12 +102,20 @@ impl Decisions {
         self.logits.resize(rows * layout.logits, 0.0);
     }
 
-    /// Takes in one agent's decision for all worlds.
-    fn take(&mut self, task: &Task, agent: usize, worlds: usize, decision: &Decision) -> Result<()> {
-        let (first, available) = (agent * worlds, task.available_actions(agent));
+    /// Takes in one agent's decision for all worlds of a tick.
+    ///
+    /// In lockstep it must rest on all that the links delivered: a team in which somebody was late, however
+    /// that came about, would give another result than the same team undisturbed.
+    fn take(&mut self, task: &Task, tick: &Tick, agent: usize, decision: &Decision) -> Result<()> {
+        let (first, available) = (agent * tick.worlds, task.available_actions(agent));
         for (world, action) in decision.actions.iter().enumerate() {
             if *action as usize >= available {
                 return Err(failed!("agent-{agent} chose action {action}, it has {available}"));
+            }
+            let late = tick.rows[first + world] & !decision.row(world);
+            if late != 0 {
+                let late = late.trailing_zeros();
+                return Err(failed!("agent-{late} was too late for agent-{agent}; ending the swarm"));
             }
             self.actions[first + world] = *action as u8;
             self.used[first + world] = decision.row(world);

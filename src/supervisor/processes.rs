@@ -151,7 +151,7 @@ impl Processes {
         while let Some(sample) = self.port.receive_decision()? {
             if let Some(agent) = self.mark(&sample, Kind::Decision, tick.tick, words) {
                 let decision = self.layout.decision(sample.words(), tick.worlds);
-                decisions.take(&self.task, agent, tick.worlds, &decision)?;
+                decisions.take(&self.task, tick, agent, &decision)?;
             }
         }
         Ok(())

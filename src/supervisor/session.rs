@@ -59,16 +59,17 @@ impl Session {
                 ledger.note_tick(stage, decisions, exchange.elapsed());
                 stage.step_worlds(&decisions.actions);
                 ledger.note_worlds(stage);
+                ledger.statistics.set_elapsed(started.elapsed());
             }
-            ledger.end_episodes(started.elapsed())?;
+            ledger.end_episodes()?;
             progress(&ledger.statistics);
         }
         Ok(())
     }
 
-    /// What was counted so far; of the return, deliveries and errors that is finished episodes.
-    pub fn statistics(&self) -> &Statistics {
-        &self.ledger.statistics
+    /// Gives the recording up, and hands out what was counted so far: finished episodes, but all ticks.
+    pub fn abandon(self) -> (Statistics, Option<Audit>) {
+        (self.ledger.statistics, self.ledger.audit)
     }
 
     /// Finishes the recording, if there is one, and hands out what was counted.

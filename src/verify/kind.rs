@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
+use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
 use serde::Deserialize;
@@ -32,13 +33,17 @@ pub enum FileKind {
 impl FileKind {
     /// The kind of the file at `path`.
     pub fn of(path: &Path) -> Result<FileKind> {
+        // Opening a pipe would wait for somebody to write.
+        if path.metadata().map_err(|e| Error::open(path, e))?.file_type().is_fifo() {
+            return Ok(FileKind::Unknown);
+        }
         let mut beginning = [0; 9];
         let read = File::open(path).and_then(|mut file| read_up_to(&mut file, &mut beginning));
         let beginning = &beginning[..read.map_err(|e| Error::open(path, e))?];
         Ok(match beginning {
             [b'P', b'K', 3, 4, ..] => FileKind::StateDict,
             // The length of a safetensors header, then the header.
-            [.., b'{'] if beginning.len() == 9 => match PolicyFile::read(path) {
+            [length @ .., b'{'] if is_header_length(length) => match PolicyFile::read(path) {
                 Ok(_) => FileKind::Policy,
                 Err(_) => FileKind::Tensors,
             },
@@ -62,6 +67,12 @@ impl FileKind {
             Probe { kind, .. } => FileKind::Json(kind),
         })
     }
+}
+
+/// Whether these are the eight bytes of a length that a safetensors header may have.
+fn is_header_length(bytes: &[u8]) -> bool {
+    const LONGEST: u64 = 100_000_000;
+    bytes.try_into().is_ok_and(|bytes| u64::from_le_bytes(bytes) <= LONGEST)
 }
 
 fn read_up_to(file: &mut File, buffer: &mut [u8]) -> std::io::Result<usize> {
@@ -89,6 +100,7 @@ mod tests {
             (b"{\"kind\": \"update\"}", FileKind::Updates),
             (b"{\"kind\": \"other\"}", FileKind::Json(Some("other".to_owned()))),
             (b"{\"a\": 1, \"b\": 2}", FileKind::Json(None)),
+            (b"{\"meta\":{}, \"episodes\": []}", FileKind::Recording),
             (b"PK\x03\x04 and so on", FileKind::StateDict),
             (&tensors, FileKind::Tensors),
             (b"hello", FileKind::Unknown),

@@ -85,13 +85,15 @@ fn verify_folder(folder: &Path, policy: Option<&PolicySource>, report: &mut Repo
     for entry in entries {
         let path = entry.path();
         // A link to a folder may lead back up.
-        if entry.file_type().map_err(unreadable)?.is_dir() {
-            verify_folder(&path, policy, report)?;
+        let verified = if entry.file_type().map_err(unreadable)?.is_dir() {
+            verify_folder(&path, policy, report)
         } else if path.is_file() {
-            let verified = FileKind::of(&path).and_then(|kind| verify_file(&path, kind, policy, report));
-            if let Err(error) = verified {
-                report.failed.push((path, error));
-            }
+            FileKind::of(&path).and_then(|kind| verify_file(&path, kind, policy, report))
+        } else {
+            Ok(())
+        };
+        if let Err(error) = verified {
+            report.failed.push((path, error));
         }
     }
     Ok(())
@@ -116,8 +118,8 @@ fn verify_file(
         FileKind::Json(Some(kind)) => skip(&format!("{kind}: not verified by this version")),
         FileKind::Json(None) => skip("JSON, but not a recording, trace or update"),
         // Updates are verified along with the settings beside them.
-        FileKind::Tensors if file.with_file_name("config.json").exists() => {}
-        FileKind::Tensors => skip("tensors without a config.json beside them"),
+        FileKind::Tensors if update::is_update(file) => {}
+        FileKind::Tensors => skip("tensors, but no policy or update"),
         // Policies are verified along with the trace beside them.
         FileKind::Policy | FileKind::StateDict | FileKind::Unknown => {}
     }
@@ -130,14 +132,14 @@ struct Deviations {
     all: Vec<f64>,
     largest: f64,
     worst: Option<(usize, usize)>,
-    /// Episode and step that are being compared.
-    place: (usize, usize),
+    /// Episode and step that are being compared, where there are such.
+    place: Option<(usize, usize)>,
 }
 
 impl Deviations {
     /// Says which episode and step the next values are from.
     fn at(&mut self, episode: usize, step: usize) -> &mut Deviations {
-        self.place = (episode, step);
+        self.place = Some((episode, step));
         self
     }
 
@@ -156,7 +158,7 @@ impl Deviations {
     fn push(&mut self, deviation: f64) {
         // Not `f64::max`, which passes over a NaN.
         if deviation > self.largest || deviation.is_nan() {
-            (self.largest, self.worst) = (deviation, Some(self.place));
+            (self.largest, self.worst) = (deviation, self.place);
         }
         self.all.push(deviation);
     }

@@ -88,6 +88,11 @@ impl Swarm {
 
     /// Waits for the supervisor to end; its exit code, stdout and stderr.
     pub fn wait(mut self) -> (Option<i32>, String, String) {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while self.supervisor.as_mut().unwrap().try_wait().unwrap().is_none() {
+            assert!(Instant::now() < deadline, "the supervisor does not end");
+            std::thread::sleep(Duration::from_millis(5));
+        }
         let output = self.supervisor.take().unwrap().wait_with_output().unwrap();
         (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned(), stderr(&output))
     }
@@ -100,6 +105,13 @@ impl Drop for Swarm {
             let _ = supervisor.wait();
         }
     }
+}
+
+/// Whether this process, and so every program it starts, was told to ignore a signal.
+pub fn is_ignored(signal: Signal) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
+    u64::from_str_radix(mask.trim(), 16).unwrap() >> (signal.as_raw() - 1) & 1 == 1
 }
 
 /// Fails if anything of a swarm is still on the machine.

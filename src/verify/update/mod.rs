@@ -10,7 +10,7 @@ mod file;
 use std::path::Path;
 
 use self::file::{Config, UpdateFile};
-use super::{Comparison, Deviations};
+use super::{Comparison, Deviations, FileKind};
 use crate::agents::dims;
 use crate::error::{Error, Result};
 use crate::train::{Parameters, Team};
@@ -29,12 +29,12 @@ const WEIGHTS: f64 = 1e-3;
 pub(super) fn compare(config_file: &Path) -> Result<Vec<Comparison>> {
     let config = Config::read(config_file)?;
     let task = Task::parse(&config.task)?;
-    let folder = config_file.parent().unwrap_or(Path::new(""));
-    let files = (1..).map(|number| folder.join(format!("update-{number}.safetensors")));
-    let mut files = files.take_while(|path| path.exists()).map(UpdateFile::read);
-    let mut file = files.next().unwrap_or_else(|| {
-        Err(Error::io("verify", config_file, "there is no update-1.safetensors beside it"))
-    })?;
+    let folder =
+        config_file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let files =
+        (1..=count_updates(folder)?).map(|number| folder.join(format!("update-{number}.safetensors")));
+    let mut files = files.map(UpdateFile::read);
+    let mut file = files.next().expect("a folder without updates was refused")?;
 
     let (mut team, start) = team(&config, &task, &file)?;
     let mut comparisons = Vec::new();
@@ -45,6 +45,28 @@ pub(super) fn compare(config_file: &Path) -> Result<Vec<Comparison>> {
             None => return Ok(comparisons),
         }
     }
+}
+
+/// How many updates a folder holds. They are numbered from 1 without a gap.
+fn count_updates(folder: &Path) -> Result<usize> {
+    let entries = std::fs::read_dir(folder).map_err(|e| Error::io("read", folder, e))?;
+    let count = entries.flatten().filter(|entry| has_update_name(&entry.path())).count();
+    let name = |number: usize| format!("update-{number}.safetensors");
+    match (1..=count.max(1)).map(name).find(|name| !folder.join(name).exists()) {
+        Some(missing) => Err(Error::io("verify", folder, format!("there is no {missing}"))),
+        None => Ok(count),
+    }
+}
+
+fn has_update_name(file: &Path) -> bool {
+    let name = file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    name.starts_with("update-") && name.ends_with(".safetensors")
+}
+
+/// Whether a file is verified along with the `config.json` beside it.
+pub(super) fn is_update(file: &Path) -> bool {
+    let config = file.with_file_name("config.json");
+    has_update_name(file) && FileKind::of(&config).is_ok_and(|kind| kind == FileKind::Updates)
 }
 
 /// The networks of a team, with what the files call their kind.
