@@ -89,6 +89,7 @@ fn an_update_allocates_nothing_once_warm() {
             steps,
             observations: vec![0.5; (steps + 1) * episodes * n * task.padded_obs_dim()],
             joint: vec![0.5; (steps + 1) * episodes * task.joint_dim()],
+            estimates: Vec::new(),
             actions: vec![1; steps * episodes * n],
             rewards: (0..steps * episodes).map(|at| at as f32).collect(),
         };

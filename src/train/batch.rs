@@ -15,6 +15,8 @@ pub struct Batch {
     pub observations: Vec<f32>,
     /// Joint observations, `[T + 1, E, joint]`.
     pub joint: Vec<f32>,
+    /// What each actor saw in their place, `[T + 1, E, agents, joint]`; empty if everything was delivered.
+    pub estimates: Vec<f32>,
     /// What the agents did, `[T, E, agents]`.
     pub actions: Vec<u8>,
     /// The team's reward, `[T, E]`.

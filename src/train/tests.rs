@@ -30,6 +30,7 @@ fn batch(seed: u64) -> Batch {
         steps,
         observations: numbers(seed, (rows + episodes) * N * OBSERVATION),
         joint: numbers(seed + 1, (rows + episodes) * dims().joint),
+        estimates: Vec::new(),
         actions: (0..rows * N).map(|at| (at * 7 % AVAILABLE[at % N]) as u8).collect(),
         rewards: numbers(seed + 2, rows),
     }

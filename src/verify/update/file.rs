@@ -171,6 +171,7 @@ impl UpdateFile {
                 .flat_map(|views| &views[..joint])
                 .copied()
                 .collect(),
+            estimates: Vec::new(),
             actions: by_time(&actions, episodes, last, n).iter().map(|&action| action as u8).collect(),
             rewards: by_time(&rewards, episodes, last, 1),
         })
