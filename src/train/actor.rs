@@ -51,10 +51,11 @@ impl Actor {
     }
 
     /// Once per update: takes the inputs from the batch.
-    pub(super) fn begin(&mut self, batch: &Batch) {
-        let joint = &batch.joint[..batch.joint.len() / (batch.steps + 1) * batch.steps];
-        let width = joint.len() / (batch.steps * batch.episodes);
-        gather(joint, 1, width, &self.agents, self.ids, &mut self.x);
+    pub(super) fn begin(&mut self, n_agents: usize, batch: &Batch) {
+        let (seen, sources) = batch.seen(n_agents);
+        let seen = &seen[..seen.len() / (batch.steps + 1) * batch.steps];
+        let width = seen.len() / (batch.steps * batch.episodes * sources);
+        gather(seen, sources, width, &self.agents, self.ids, &mut self.x);
     }
 
     /// One epoch: the gradient of the loss, a mean over the batch's steps, episodes and agents. `advantages` is

@@ -1,4 +1,4 @@
-//! What a team learns from: whole episodes with everything delivered.
+//! What a team learns from: whole episodes.
 
 use std::ops::Range;
 
@@ -13,9 +13,9 @@ pub struct Batch {
     pub steps: usize,
     /// Padded observations, `[T + 1, E, agents, observation]`; the last ones follow on the last actions.
     pub observations: Vec<f32>,
-    /// Joint observations, `[T + 1, E, joint]`.
+    /// True joint observations, `[T + 1, E, joint]`.
     pub joint: Vec<f32>,
-    /// What each actor saw in their place, `[T + 1, E, agents, joint]`; empty if everything was delivered.
+    /// What each actor saw in their place, with imputed parts, `[T + 1, E, agents, joint]`; empty if everything was delivered.
     pub estimates: Vec<f32>,
     /// What the agents did, `[T, E, agents]`.
     pub actions: Vec<u8>,
@@ -41,6 +41,14 @@ impl Batch {
         Trajectories { rows: self.episodes, observations: self.steps, joint: &self.joint }
     }
 
+    /// What actors saw, and how many parts a row of it has: one per agent, or one for all.
+    pub(super) fn seen(&self, n_agents: usize) -> (&[f32], usize) {
+        match self.estimates.is_empty() {
+            true => (&self.joint, 1),
+            false => (&self.estimates, n_agents),
+        }
+    }
+
     /// Checks that all lengths belong together.
     pub(super) fn check(&self, n_agents: usize, joint: usize) {
         let rows = self.steps * self.episodes;
@@ -49,6 +57,10 @@ impl Batch {
         assert_eq!(self.rewards.len(), rows, "rewards are not [T, E]");
         let rows = rows + self.episodes;
         assert_eq!(self.joint.len(), rows * joint, "joint observations are not [T + 1, E, joint]");
+        assert!(
+            self.estimates.is_empty() || self.estimates.len() == rows * n_agents * joint,
+            "estimates are not [T + 1, E, agents, joint]"
+        );
         assert_eq!(
             self.observations.len() % (rows * n_agents),
             0,

@@ -67,9 +67,9 @@ impl Critic {
     /// Once per update: takes the inputs from the batch, and the returns from the target's values.
     pub(super) fn begin(&mut self, settings: &Settings, n_agents: usize, batch: &Batch, rewards: &[f32]) {
         let (inputs, sources) = match settings.critic_input {
-            CriticInput::AllObservations => (&batch.observations, 1),
-            CriticInput::Joint => (&batch.joint, 1),
-            CriticInput::OwnObservation => (&batch.observations, n_agents),
+            CriticInput::AllObservations => (&batch.observations[..], 1),
+            CriticInput::Joint => batch.seen(n_agents),
+            CriticInput::OwnObservation => (&batch.observations[..], n_agents),
         };
         let width = inputs.len() / ((batch.steps + 1) * batch.episodes * sources);
         gather(inputs, sources, width, &self.agents, self.ids, &mut self.x);

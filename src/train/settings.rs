@@ -38,7 +38,7 @@ pub struct Settings {
 pub enum CriticInput {
     /// The padded observations of all agents (MAPPO).
     AllObservations,
-    /// The joint observation: what the actors see (IPPO).
+    /// What the agent's actor sees: the joint observation, or the agent's estimate of it (IPPO).
     Joint,
     /// The agent's own padded observation (IPPO as in the paper's text).
     OwnObservation,

@@ -159,7 +159,7 @@ impl Team {
             }
             Turn::Actor(actor, epoch) => {
                 match epoch {
-                    0 => actor.begin(batch),
+                    0 => actor.begin(available.len(), batch),
                     _ => actor.parameters.step(learning_rate, actor_scale),
                 }
                 if epoch < epochs {
