@@ -96,9 +96,9 @@ fn an_update_allocates_nothing_once_warm() {
         let available = vec![5; n];
         let settings = Settings::paper(kind);
         let mut team = Team::untrained(settings, &dims(&task), task.padded_obs_dim(), &available, 1, 1);
-        team.update(&batch, None);
+        team.update(&batch, &[]);
         let counted = allocations(|| {
-            std::hint::black_box(team.update(&batch, None));
+            std::hint::black_box(team.update(&batch, &[]));
         });
         assert_eq!(counted, 0, "{}", task.id());
     }

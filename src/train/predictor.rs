@@ -4,7 +4,7 @@ use super::batch::Trajectories;
 use super::memory::{Buffer, Flat};
 use super::network::Lstm;
 use super::parameters::{Parameters, clip_scale};
-use super::settings::{Objective, PredictorSettings};
+use super::settings::{Objective, PredictorSettings, Settings};
 use crate::nn::{Dims, PredictorSpec};
 
 /// A predictor in training.
@@ -12,7 +12,7 @@ use crate::nn::{Dims, PredictorSpec};
 pub struct Predictor {
     /// Its weights.
     pub parameters: Parameters,
-    settings: PredictorSettings,
+    pub(super) settings: PredictorSettings,
     n_agents: usize,
     predicted: usize,
     /// Dims that are never predicted, and so no part of the likelihood.
@@ -47,17 +47,35 @@ impl Predictor {
         }
     }
 
-    /// One step on the `batch` and its `advantages` `[T, E, agents]`, or on `replay`, as its objective asks.
-    /// Returns the loss; `None` if there was nothing to learn from: no replay yet, or no step that counts.
+    /// Its steps of one update, on the `batch` and its `advantages` `[T, E, agents]` or on one of `replays`
+    /// each, as its objective asks. Returns the mean loss; `None` if there was nothing to learn from: no
+    /// replay yet, or nothing that counts.
     pub(super) fn learn(
+        &mut self,
+        settings: &Settings,
+        batch: Trajectories,
+        advantages: &[f32],
+        replays: &[Trajectories],
+    ) -> Option<f64> {
+        let (mut steps, mut sum) = (0, 0.0);
+        for at in 0..settings.predictor_updates {
+            if let Some(loss) = self.learn_once(batch, advantages, replays.get(at)) {
+                (steps, sum) = (steps + 1, sum + loss);
+            }
+        }
+        (steps > 0).then(|| sum / f64::from(steps))
+    }
+
+    /// One step, or none if there is nothing to learn from.
+    fn learn_once(
         &mut self,
         batch: Trajectories,
         advantages: &[f32],
-        replay: Option<Trajectories>,
+        replay: Option<&Trajectories>,
     ) -> Option<f64> {
         match self.settings.objective {
             Objective::Maro => {
-                let replay = replay?;
+                let replay = *replay?;
                 let steps = replay.observations.saturating_sub(1);
                 self.weights.resize(steps * replay.rows * self.n_agents).fill(1.0);
                 self.step(replay)

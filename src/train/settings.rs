@@ -13,6 +13,8 @@ pub struct Settings {
     pub critic_input: CriticInput,
     /// How each predictor of `networks` learns, in their order.
     pub predictors: Vec<PredictorSettings>,
+    /// Steps of each predictor in one update.
+    pub predictor_updates: usize,
     /// The learning rate of actors and critics.
     pub learning_rate: f64,
     /// What entropy is worth in the actors' loss.
@@ -99,6 +101,7 @@ impl Settings {
             critic_sharing: Sharing::Separate,
             critic_input: CriticInput::AllObservations,
             predictors: vec![PredictorSettings::paper(Objective::ValueAware { lambda: 1.0 })],
+            predictor_updates: 1,
             learning_rate,
             entropy_coefficient,
             gamma: 0.99,

@@ -98,23 +98,25 @@ impl Team {
         }
     }
 
-    /// One update of everything on the episodes of `batch`, and of predictors that learn from replayed episodes
-    /// on `replay`.
+    /// One update of everything on the episodes of `batch`. Predictors that learn from replayed episodes take
+    /// their step number k on `replays[k]`; where nothing is stored yet, `replays` is empty.
     ///
     /// An epoch is a step of the critics, then one of the actors on the advantages that the critics had before.
     /// Gradients are clipped together, so a network has to wait for its like between gradient and step; but
     /// critics need nothing of the actors. So a round is one turn of every network: the step that its last
     /// gradient asks for, then the next gradient, with the actors one epoch behind. The predictors have their
     /// turn when the last advantages are there.
-    pub fn update(&mut self, batch: &Batch, replay: Option<Trajectories>) -> &Losses {
+    pub fn update(&mut self, batch: &Batch, replays: &[Trajectories]) -> &Losses {
         batch.check(self.available.len(), self.joint);
+        let steps = self.settings.predictor_updates;
+        assert!(replays.is_empty() || replays.len() == steps, "every step of a predictor has its replay");
         self.rewards.resize(batch.rewards.len()).copy_from_slice(&batch.rewards);
         if self.settings.standardise_rewards {
             standardise(&mut self.rewards);
         }
         // The critics' last step is in round `epochs`, the actors' in the one after it.
         for round in 0..=self.settings.epochs + 1 {
-            self.take_turns(round, batch, replay);
+            self.take_turns(round, batch, replays);
             self.meet(batch);
         }
         self.updates += 1;
@@ -131,7 +133,7 @@ impl Team {
     }
 
     /// One round: the turns of all networks, side by side.
-    fn take_turns(&mut self, round: usize, batch: &Batch, replay: Option<Trajectories>) {
+    fn take_turns(&mut self, round: usize, batch: &Batch, replays: &[Trajectories]) {
         let Settings { epochs, learning_rate, largest_gradient, .. } = self.settings;
         let actor_scale = clip_scale(self.losses.actor_gradient, largest_gradient);
         let critic_scale = clip_scale(self.losses.critic_gradient, largest_gradient);
@@ -167,7 +169,7 @@ impl Team {
                 }
             }
             Turn::Predictor(predictor, loss) => {
-                *loss = predictor.learn(batch.trajectories(), advantages, replay);
+                *loss = predictor.learn(settings, batch.trajectories(), advantages, replays);
             }
         });
     }

@@ -78,9 +78,9 @@ fn any_number_of_threads_comes_to_the_same_bits() {
             let mut team = team(settings(kind, sharing), threads);
             for seed in 0..3 {
                 let (batch, replay) = (batch(seed), batch(seed + 100));
-                team.update(&batch, Some(replay.trajectories()));
+                team.update(&batch, &[replay.trajectories()]);
             }
-            let losses = team.update(&batch(9), None).clone();
+            let losses = team.update(&batch(9), &[]).clone();
             (weights(&team), losses)
         };
         let one = learn(1);
@@ -180,6 +180,11 @@ fn the_gradient_of_a_critic_is_that_of_its_loss() {
     }
 }
 
+/// One step of a predictor in an update.
+fn once() -> Settings {
+    settings(ActorKind::Mlp, Sharing::Separate)
+}
+
 /// A predictor for `objective` that does not move.
 fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool) -> Predictor {
     let spec = PredictorSpec { hidden: 5, held, ..PredictorSpec::paper("p") };
@@ -199,7 +204,7 @@ fn the_gradient_of_a_predictor_is_that_of_its_loss() {
     ] {
         let mut predictor = still_predictor(objective, held, false);
         let learn = |predictor: &mut Predictor| {
-            predictor.learn(batch.trajectories(), &advantages, Some(batch.trajectories())).unwrap()
+            predictor.learn(&once(), batch.trajectories(), &advantages, &[batch.trajectories()]).unwrap()
         };
         learn(&mut predictor);
         let (values, gradient) = (predictor.parameters.values.clone(), predictor.parameters.gradient.clone());
@@ -214,17 +219,37 @@ fn the_gradient_of_a_predictor_is_that_of_its_loss() {
 fn what_predictors_learn_from() {
     let (batch, replay) = (batch(6), batch(7));
     let advantages = numbers(10, batch.actions.len());
-    let learn = |objective, advantages: &[f32], replay: Option<Trajectories>| {
-        still_predictor(objective, vec![], false).learn(batch.trajectories(), advantages, replay)
+    let learn = |objective, advantages: &[f32], replays: &[Trajectories]| {
+        still_predictor(objective, vec![], false).learn(&once(), batch.trajectories(), advantages, replays)
     };
     let ablation = Objective::ValueAware { lambda: 0.0 };
-    let alike = learn(ablation, &advantages, None);
-    assert_eq!(learn(Objective::Maro, &advantages, Some(batch.trajectories())), alike);
-    assert_ne!(learn(Objective::Maro, &advantages, Some(replay.trajectories())), alike);
-    assert_ne!(learn(Objective::ValueAware { lambda: 1.0 }, &advantages, None), alike);
-    assert_eq!(learn(Objective::Maro, &advantages, None), None, "nothing is stored yet");
+    let alike = learn(ablation, &advantages, &[]);
+    assert_eq!(learn(Objective::Maro, &advantages, &[batch.trajectories()]), alike);
+    assert_ne!(learn(Objective::Maro, &advantages, &[replay.trajectories()]), alike);
+    assert_ne!(learn(Objective::ValueAware { lambda: 1.0 }, &advantages, &[]), alike);
+    assert_eq!(learn(Objective::Maro, &advantages, &[]), None, "nothing is stored yet");
     let hopeless = vec![-2.0; advantages.len()];
-    assert_eq!(learn(Objective::ValueAware { lambda: 1.0 }, &hopeless, None), None, "no step counts");
+    assert_eq!(learn(Objective::ValueAware { lambda: 1.0 }, &hopeless, &[]), None, "no step counts");
+}
+
+#[test]
+fn several_steps_of_a_predictor_are_steps_in_a_row() {
+    let replays = [batch(20), batch(21), batch(22)];
+    let replays = replays.each_ref().map(Batch::trajectories);
+    let (batch, thrice) = (batch(6), Settings { predictor_updates: 3, ..once() });
+    let advantages = numbers(10, batch.actions.len());
+    for objective in [Objective::Maro, Objective::ValueAware { lambda: 1.0 }] {
+        let mut moving = still_predictor(objective, vec![], true);
+        moving.settings.learning_rate = 1e-2;
+        let mut one_by_one = moving.clone();
+        let loss = moving.learn(&thrice, batch.trajectories(), &advantages, &replays).unwrap();
+        let mut losses = replays
+            .map(|replay| one_by_one.learn(&once(), batch.trajectories(), &advantages, &[replay]).unwrap());
+        assert_eq!(moving.parameters.values.all(), one_by_one.parameters.values.all(), "{objective:?}");
+        assert_eq!(loss, losses.iter().sum::<f64>() / 3.0, "{objective:?}");
+        losses.sort_by(f64::total_cmp);
+        assert!(losses[0] < losses[2], "{objective:?} moves");
+    }
 }
 
 #[test]
@@ -232,7 +257,7 @@ fn carried_gradients_are_clipped_and_added() {
     let batch = batch(11);
     let mut predictor = still_predictor(Objective::ValueAware { lambda: 0.0 }, vec![], true);
     let mut gradient = || {
-        predictor.learn(batch.trajectories(), &[0.0; 72], None).unwrap();
+        predictor.learn(&once(), batch.trajectories(), &[0.0; 72], &[]).unwrap();
         predictor.parameters.gradient.all().to_vec()
     };
     let (first, second) = (gradient(), gradient());
@@ -260,7 +285,7 @@ fn estimates_equal_to_the_truth_change_nothing() {
                     if imputed {
                         batch.estimates = seen_by_all(&batch.joint);
                     }
-                    team.update(&batch, None);
+                    team.update(&batch, &[]);
                 }
                 (weights(&team), team.advantages().to_vec())
             };
@@ -281,7 +306,7 @@ fn estimates_reach_actors_and_their_like_and_nothing_else() {
             // Nothing is clipped: a norm would tell an agent of the others.
             let settings = settings(kind, Sharing::Separate);
             let mut team = team(Settings { critic_input, largest_gradient: 1e9, ..settings }, 1);
-            team.update(batch, None);
+            team.update(batch, &[]);
             team
         };
         let truth = batch(1);
@@ -309,7 +334,7 @@ fn predictors_learn_from_the_truth() {
     let imputed = Batch { estimates: numbers(50, truth.joint.len() * N), ..truth.clone() };
     let learn = |batch: &Batch| {
         let mut team = team(settings(ActorKind::Mlp, Sharing::Separate), 1);
-        team.update(batch, Some(batch.trajectories()));
+        team.update(batch, &[batch.trajectories()]);
         team.predictors.iter().map(|p| p.parameters.values.all().to_vec()).collect::<Vec<_>>()
     };
     assert_eq!(learn(&imputed), learn(&truth));
@@ -320,7 +345,7 @@ fn targets_follow_when_it_is_time() {
     let mut team = team(Settings { target_interval: 3, ..settings(ActorKind::Mlp, Sharing::Separate) }, 1);
     let start = team.critics[1].target.all().to_vec();
     for update in 1..=7 {
-        team.update(&batch(update), None);
+        team.update(&batch(update), &[]);
         let critic = &team.critics[1];
         assert_eq!(critic.target.all() == start, update < 3, "update {update}");
         assert_eq!(critic.target.all() == critic.parameters.values.all(), update % 3 == 0, "update {update}");

@@ -90,6 +90,7 @@ impl Config {
                 largest_gradient: predictor.grad_norm_clip,
                 ..PredictorSettings::paper(Objective::ValueAware { lambda: predictor.advantage_lambda })
             }],
+            predictor_updates: 1,
             learning_rate: self.learning_rate,
             entropy_coefficient: self.entropy_coefficient,
             gamma: self.gamma,
