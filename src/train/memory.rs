@@ -77,6 +77,17 @@ impl Flat {
         &mut self.all[self.ranges[at].clone()]
     }
 
+    /// Every tensor, one after the other.
+    pub fn each_mut(&mut self) -> impl Iterator<Item = &mut [f32]> {
+        let (mut rest, mut passed) = (&mut self.all[..], 0);
+        self.ranges.iter().map(move |range| {
+            let (tensor, behind) =
+                std::mem::take(&mut rest)[range.start - passed..].split_at_mut(range.len());
+            (rest, passed) = (behind, range.end);
+            tensor
+        })
+    }
+
     /// Every tensor; there must be `N`.
     pub fn tensors<const N: usize>(&self) -> [&[f32]; N] {
         assert_eq!(self.ranges.len(), N, "another network has these tensors");
@@ -86,13 +97,7 @@ impl Flat {
     /// Every tensor; there must be `N`.
     pub fn tensors_mut<const N: usize>(&mut self) -> [&mut [f32]; N] {
         assert_eq!(self.ranges.len(), N, "another network has these tensors");
-        let (mut rest, mut passed) = (&mut self.all[..], 0);
-        std::array::from_fn(|at| {
-            let range = &self.ranges[at];
-            let (tensor, behind) =
-                std::mem::take(&mut rest)[range.start - passed..].split_at_mut(range.len());
-            (rest, passed) = (behind, range.end);
-            tensor
-        })
+        let mut tensors = self.each_mut();
+        std::array::from_fn(|_| tensors.next().expect("there are N tensors"))
     }
 }

@@ -18,6 +18,7 @@ mod parameters;
 mod predictor;
 mod returns;
 mod settings;
+mod state;
 mod team;
 #[cfg(test)]
 mod tests;
@@ -29,4 +30,5 @@ pub use critic::Critic;
 pub use parameters::Parameters;
 pub use predictor::Predictor;
 pub use settings::{CriticInput, Estimator, Objective, PredictorSettings, Settings};
+pub use state::Counters;
 pub use team::{Losses, Team};

@@ -13,9 +13,12 @@ pub struct Parameters {
     pub values: Flat,
     /// The gradient by the weights.
     pub gradient: Flat,
-    mean: Flat,
-    square: Flat,
-    steps: u64,
+    /// The running mean of the gradient.
+    pub(super) mean: Flat,
+    /// The running mean of its square.
+    pub(super) square: Flat,
+    /// Steps of Adam so far.
+    pub(super) steps: u64,
 }
 
 impl Parameters {
@@ -34,6 +37,16 @@ impl Parameters {
     /// The tensors with their names and shapes.
     pub fn tensors(&self) -> impl Iterator<Item = (&TensorSpec, &[f32])> {
         self.specs.iter().enumerate().map(|(at, spec)| (spec, self.values.tensor(at)))
+    }
+
+    /// What the network is called, such as `actors.0`: what the names of its tensors begin with.
+    pub(super) fn name(&self) -> &str {
+        self.specs[0].name.rsplitn(3, '.').last().expect("a name has a part")
+    }
+
+    /// What outlives an update: the weights and Adam's moments.
+    pub(super) fn state_mut(&mut self) -> [&mut Flat; 3] {
+        [&mut self.values, &mut self.mean, &mut self.square]
     }
 
     /// The square of the gradient's norm.

@@ -22,7 +22,7 @@ pub struct Predictor {
     weights: Buffer,
     d: Buffer,
     /// The clipped gradient of the step before, if it is carried on.
-    carried: Option<Flat>,
+    pub(super) carried: Option<Flat>,
 }
 
 impl Predictor {

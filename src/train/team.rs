@@ -25,7 +25,7 @@ pub struct Team {
     /// How many actions each agent has: the first ones.
     available: Vec<usize>,
     threads: usize,
-    updates: u64,
+    pub(super) updates: u64,
     rewards: Buffer,
     /// Of the critics' last epoch, `[T, E, agents]`.
     advantages: Buffer,
