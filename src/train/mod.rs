@@ -17,6 +17,7 @@ pub mod network;
 mod parameters;
 mod predictor;
 mod returns;
+mod rollout;
 mod settings;
 mod team;
 #[cfg(test)]
@@ -28,5 +29,6 @@ pub use batch::{Batch, Trajectories};
 pub use critic::Critic;
 pub use parameters::Parameters;
 pub use predictor::Predictor;
+pub use rollout::Rollout;
 pub use settings::{CriticInput, Estimator, Objective, PredictorSettings, Settings};
 pub use team::{Losses, Team};
