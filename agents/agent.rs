@@ -1,5 +1,7 @@
 //! An agent: fuse, act, predict.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use super::{Imputer, ImputerName, Inbox, JointLayout, PolicySource};
@@ -62,6 +64,7 @@ pub struct Agent {
     worlds: usize,
     imputer: Imputer,
     actor: Actor,
+    parts: Parts,
     /// The actor's recurrent state, `[worlds, state]`; empty for an MLP.
     hidden: Vec<f32>,
     scratch: Scratch,
@@ -71,6 +74,16 @@ pub struct Agent {
     logits: Vec<f32>,
     /// `[active worlds]`.
     actions: Vec<u32>,
+}
+
+/// Where an agent's networks are in the weights of the policy.
+#[derive(Debug)]
+struct Parts {
+    /// The number of all weights.
+    all: usize,
+    actor: Range<usize>,
+    /// That of the imputer, if it has one.
+    predictor: Option<Range<usize>>,
 }
 
 impl Agent {
@@ -83,8 +96,7 @@ impl Agent {
     /// Makes agent `index` of a team from a policy that is loaded already.
     pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
         let task = settings.task()?;
-        let layout =
-            JointLayout { agents: task.n_agents(), unique: task.unique_dim(), common: task.common_dim() };
+        let layout = JointLayout::of(&task);
         let worlds = settings.worlds;
         let actor = policy.actor(index).clone();
         Ok(Agent {
@@ -95,6 +107,14 @@ impl Agent {
             imputer: settings.imputer.build(policy, layout, worlds)?,
             hidden: vec![0.0; worlds * actor.state_len()],
             scratch: Scratch::default(),
+            parts: Parts {
+                all: policy.n_values(),
+                actor: policy.actor_range(index),
+                predictor: match &settings.imputer {
+                    ImputerName::Predictor(name) => policy.predictor_range(name),
+                    ImputerName::Zero | ImputerName::Hold => None,
+                },
+            },
             actor,
             estimates: vec![0.0; worlds * layout.joint()],
             logits: vec![0.0; worlds * N_ACTIONS],
@@ -116,6 +136,20 @@ impl Agent {
     /// The most parallel worlds.
     pub fn worlds(&self) -> usize {
         self.worlds
+    }
+
+    /// The number of weights of the policy it was made from.
+    pub fn policy_weights(&self) -> usize {
+        self.parts.all
+    }
+
+    /// Takes new weights: of all those of the policy, `[policy_weights]` in the order of its tensors, a copy of
+    /// what its own networks need.
+    pub fn renew(&mut self, weights: &[f32]) {
+        self.actor.renew(&weights[self.parts.actor.clone()]);
+        if let Some(predictor) = self.parts.predictor.clone() {
+            self.imputer.renew(&weights[predictor]);
+        }
     }
 
     /// Forgets the last episode: one starts in this many worlds.

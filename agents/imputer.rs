@@ -2,6 +2,7 @@
 
 use super::Inbox;
 use crate::nn::{LstmState, Predictor, Scratch};
+use crate::world::Task;
 
 /// Where the parts of the joint observation are: `unique_1 .. unique_n, common`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,6 +16,11 @@ pub struct JointLayout {
 }
 
 impl JointLayout {
+    /// That of a task.
+    pub fn of(task: &Task) -> JointLayout {
+        JointLayout { agents: task.n_agents(), unique: task.unique_dim(), common: task.common_dim() }
+    }
+
     /// Length of the joint observation.
     pub fn joint(&self) -> usize {
         self.predicted() + self.common
@@ -25,8 +31,19 @@ impl JointLayout {
         self.agents * self.unique
     }
 
-    fn part(&self, agent: usize) -> std::ops::Range<usize> {
-        agent * self.unique..(agent + 1) * self.unique
+    /// Puts `joint` together: the unique part of each agent from the front of what `known` knows of it, and the
+    /// common part from `observation`, which may be anybody's.
+    pub fn join<'a>(
+        &self,
+        mut known: impl FnMut(usize) -> &'a [f32],
+        observation: &[f32],
+        joint: &mut [f32],
+    ) {
+        let (parts, common) = joint.split_at_mut(self.predicted());
+        for (agent, part) in parts.chunks_exact_mut(self.unique).enumerate() {
+            part.copy_from_slice(&known(agent)[..self.unique]);
+        }
+        common.copy_from_slice(&observation[self.unique..self.unique + self.common]);
     }
 }
 
@@ -79,6 +96,13 @@ impl Imputer {
         Imputer { rule: Rule::Predict(prediction), ..Imputer::zero(layout, worlds) }
     }
 
+    /// Gives its predictor, if it has one, new values.
+    pub fn renew(&mut self, values: &[f32]) {
+        if let Rule::Predict(prediction) = &mut self.rule {
+            prediction.predictor.renew(values);
+        }
+    }
+
     /// Forgets everything: an episode starts in this many worlds.
     pub fn begin_episode(&mut self, worlds: usize) {
         self.carried.fill(0.0);
@@ -90,26 +114,18 @@ impl Imputer {
     /// Writes the joint estimate of `agent` in one world: its own observation and the delivered ones as
     /// they are, the carried estimate for the others. Returns whose observations were used, bit by bit.
     pub fn fuse(&self, world: usize, agent: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) -> u64 {
-        let JointLayout { agents, unique, common } = self.layout;
-        let predicted = self.layout.predicted();
+        let (unique, predicted) = (self.layout.unique, self.layout.predicted());
         let carried = &self.carried[world * predicted..(world + 1) * predicted];
         let mut used = 0;
-        for sender in 0..agents {
-            let part = self.layout.part(sender);
-            let observation = if sender == agent {
-                Some(own)
-            } else {
-                inbox.from(sender).map(|received| received.observation)
+        let known = |sender| {
+            let received = match sender == agent {
+                true => Some(own),
+                false => inbox.from(sender).map(|received| received.observation),
             };
-            match observation {
-                Some(observation) => {
-                    estimate[part].copy_from_slice(&observation[..unique]);
-                    used |= 1 << sender;
-                }
-                None => estimate[part.clone()].copy_from_slice(&carried[part]),
-            }
-        }
-        estimate[predicted..].copy_from_slice(&own[unique..unique + common]);
+            used |= u64::from(received.is_some()) << sender;
+            received.unwrap_or(&carried[sender * unique..])
+        };
+        self.layout.join(known, own, estimate);
         used
     }
 

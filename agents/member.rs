@@ -16,6 +16,7 @@ pub struct Member<P: AgentPort> {
     agent: Agent,
     port: P,
     layout: Layout,
+    /// Who it is, and which weights it runs with.
     identity: Header,
     mailbox: Mailbox<P::Sample>,
     sensor: Option<P::Sample>,
@@ -74,6 +75,7 @@ impl<P: AgentPort> Member<P> {
             return Err(failed!("agent-{} got a message it cannot read: {header:?}", self.agent.index()));
         }
         if header.step == 0 {
+            self.take_weights(header.weights)?;
             self.agent.begin_episode(header.worlds as usize);
         }
         self.sensor = Some(sample);
@@ -120,6 +122,31 @@ impl<P: AgentPort> Member<P> {
     /// Advances the imputer; the action is already out.
     pub fn predict(&mut self) {
         self.agent.predict();
+    }
+
+    /// Takes the weights that are in force in the episode that begins. They were published before the message
+    /// that says so, so there is nothing to wait for.
+    fn take_weights(&mut self, in_force: u64) -> Result<()> {
+        if self.identity.weights == in_force {
+            return Ok(());
+        }
+        let expected = self.agent.policy_weights();
+        while let Some(sample) = self.port.receive_weights()? {
+            let (header, words) = (sample.header(), sample.words());
+            let fits = header.fits(Kind::Weights, self.identity.swarm, expected) && words.len() == expected;
+            if fits && header.weights == in_force {
+                self.agent.renew(bytemuck::cast_slice(words));
+                self.identity.weights = in_force;
+            }
+        }
+        if self.identity.weights == in_force {
+            return Ok(());
+        }
+        Err(failed!(
+            "agent-{} shall act with weights {in_force}, but has {} and did not get them; ending the swarm",
+            self.agent.index(),
+            self.identity.weights
+        ))
     }
 
     fn answer(&self, kind: Kind, to: &Header, words: usize) -> Header {

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::{Imputer, JointLayout};
 use crate::error::Result;
 use crate::nn::{ActorKind, Aligned, Dims, Networks, Policy};
-use crate::usage;
 use crate::world::{N_ACTIONS, Task};
+use crate::{failed, usage};
 
 /// The policies inside the program: (task, policy file).
 pub static BUILTIN: [(&str, &Aligned<[u8]>); 2] = [
@@ -30,6 +30,9 @@ pub enum PolicySource {
     Untrained(u64),
     /// A policy file.
     File(PathBuf),
+    /// A policy in training: the supervisor hands it to the team at the start, and new weights whenever it
+    /// has learned.
+    Training,
 }
 
 impl PolicySource {
@@ -54,6 +57,7 @@ impl PolicySource {
                 Policy::untrained(&dims(task), *seed, Networks::paper(actor_kind(task)))
             }
             PolicySource::File(path) => Policy::open(path, &dims(task)),
+            PolicySource::Training => Err(failed!("a policy in training cannot be loaded, only handed over")),
         }
     }
 }
@@ -64,6 +68,7 @@ impl fmt::Display for PolicySource {
             PolicySource::Builtin => write!(f, "builtin"),
             PolicySource::Untrained(seed) => write!(f, "untrained (seed {seed})"),
             PolicySource::File(path) => write!(f, "{}", path.display()),
+            PolicySource::Training => write!(f, "in training"),
         }
     }
 }

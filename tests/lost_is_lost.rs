@@ -43,6 +43,10 @@ impl AgentPort for Poisoned {
         })))
     }
 
+    fn receive_weights(&mut self) -> Result<Option<LocalSample>> {
+        self.port.receive_weights()
+    }
+
     fn publish_observation(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
         self.port.publish_observation(header, write)
     }

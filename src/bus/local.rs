@@ -41,24 +41,39 @@ struct Queues {
     /// Per agent: what its peers published.
     observations: Vec<VecDeque<LocalSample>>,
     decisions: VecDeque<LocalSample>,
+    /// The newest ones. Kept, so that the next ones can be written in their place.
+    weights: Option<LocalSample>,
 }
 
 impl LocalHub {
     /// A hub for a team of `agents`.
     pub fn new(agents: usize) -> LocalHub {
         let queues = || (0..agents).map(|_| VecDeque::new()).collect();
-        let queues = Queues { sensors: queues(), observations: queues(), decisions: VecDeque::new() };
+        let (sensors, observations, decisions) = (queues(), queues(), VecDeque::new());
+        let queues = Queues { sensors, observations, decisions, weights: None };
         LocalHub(Rc::new(RefCell::new(queues)))
     }
 
     /// The port of one agent.
     pub fn port(&self, agent: usize) -> LocalPort {
-        LocalPort { queues: self.0.clone(), agent }
+        LocalPort { queues: self.0.clone(), agent, weights: 0 }
     }
 
     /// Sends a message to one agent.
     pub fn send_sensor(&self, agent: usize, message: LocalSample) {
         self.0.borrow_mut().sensors[agent].push_back(message);
+    }
+
+    /// Sends new weights to all agents.
+    pub fn publish_weights(&self, header: Header, write: impl FnOnce(&mut [u32])) {
+        let newest = &mut self.0.borrow_mut().weights;
+        match newest.as_mut().and_then(|sample| Rc::get_mut(&mut sample.0)) {
+            Some((old, words)) if words.len() as u64 == header.length => {
+                *old = header;
+                write(words);
+            }
+            _ => *newest = Some(LocalSample::new(header, write)),
+        }
     }
 
     /// The next decision.
@@ -72,6 +87,8 @@ impl LocalHub {
 pub struct LocalPort {
     queues: Rc<RefCell<Queues>>,
     agent: usize,
+    /// Which weights it received last.
+    weights: u64,
 }
 
 impl AgentPort for LocalPort {
@@ -83,6 +100,13 @@ impl AgentPort for LocalPort {
 
     fn receive_observation(&mut self) -> Result<Option<LocalSample>> {
         Ok(self.queues.borrow_mut().observations[self.agent].pop_front())
+    }
+
+    fn receive_weights(&mut self) -> Result<Option<LocalSample>> {
+        let queues = self.queues.borrow();
+        let newer = queues.weights.as_ref().filter(|sample| sample.header().weights > self.weights);
+        self.weights = newer.map_or(self.weights, |sample| sample.header().weights);
+        Ok(newer.cloned())
     }
 
     fn publish_observation(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {

@@ -1,13 +1,13 @@
-//! Everything that is sent: one header and three layouts of 32-bit words.
+//! Everything that is sent: one header and four layouts of 32-bit words.
 //!
 //! A message is a [`Header`] and a payload of words, written in place in a loaned sample and read in
 //! place by its receivers. Floats travel as their bits. A message speaks for all parallel worlds of the
-//! swarm at once, so every part below has one entry per world.
+//! swarm at once, so every part below has one entry per world. Weights alone are for all worlds the same.
 
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Version of the header and the layouts; a receiver refuses any other.
-pub const PROTOCOL: u32 = 1;
+pub const PROTOCOL: u32 = 2;
 
 /// What a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +23,8 @@ pub enum Kind {
     Decision = 4,
     /// Supervisor to one agent: leave.
     Shutdown = 5,
+    /// Supervisor to all agents: new values of the policy.
+    Weights = 6,
 }
 
 /// Stands before every payload.
@@ -49,6 +51,9 @@ pub struct Header {
     pub worlds: u32,
     /// Payload length in words.
     pub length: u64,
+    /// Which weights are meant: 0 for those that agents start with, then counted up with each renewal. A
+    /// [`Kind::Weights`] brings them; from the first step of an episode on they are in force.
+    pub weights: u64,
     /// When it was sent, nanoseconds of the monotonic clock.
     pub sent_ns: u64,
 }
@@ -70,6 +75,8 @@ impl Header {
 /// | sensor | link row (2: low and high half), own observation (`observation`) |
 /// | observation | observation (`observation`) |
 /// | decision | action (1), row used (2), joint estimate (`joint`), logits (`logits`) |
+///
+/// A weights message is all values of a policy, in the order of its tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Padded observation.

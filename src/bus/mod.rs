@@ -2,13 +2,16 @@
 //!
 //! ```text
 //!                 sensor-i (one service an agent)          wake: supervisor -> agents
-//!   supervisor ------------------------------> agent i     wake: agents -> supervisor
-//!        ^  ^                                   |    |
-//!        |  +----- observations (read along) ---+    |  observations: n publishers, everybody subscribed
-//!        +------------------ decisions --------------+
+//!               +----------------------------+             wake: agents -> supervisor
+//!               |                            v
+//!   supervisor -+--- weights (training) ---> agent i       weights: one sample that all agents copy from
+//!        ^  ^                                 |    |
+//!        |  +------ observations (read along) +    |       observations: n publishers, everybody subscribed
+//!        +----------------- decisions -------------+
 //! ```
 //!
-//! The supervisor reads observations along only to know when all of a tick are published.
+//! The supervisor reads observations along only to know when all of a tick are published. Swarms that play a
+//! frozen policy have no service for weights.
 
 mod directory;
 mod local;
@@ -46,6 +49,9 @@ pub trait AgentPort {
 
     /// The next observation of a peer.
     fn receive_observation(&mut self) -> Result<Option<Self::Sample>>;
+
+    /// The next weights. Whoever receives them gives them back soon: nothing else is published meanwhile.
+    fn receive_weights(&mut self) -> Result<Option<Self::Sample>>;
 
     /// Publishes to the peers a payload of `header.length` words that `write` fills in place.
     fn publish_observation(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()>;

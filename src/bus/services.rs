@@ -2,6 +2,8 @@
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{
     FileName, LogLevel, Path, SemanticString, ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or,
 };
@@ -24,6 +26,10 @@ const BUFFERED: usize = 2;
 /// written, in the buffers, and in the inboxes. The rest is for peers that are late.
 const SAMPLES: usize = 8;
 
+/// Samples of weights there is room for. Every agent has copied the last ones before the next are published;
+/// were it not so, there would be no sample to write to, and publishing would fail.
+const WEIGHTS_SAMPLES: usize = 1;
+
 /// Names a swarm to its agents.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SwarmAddress {
@@ -33,16 +39,22 @@ pub struct SwarmAddress {
     pub agents: usize,
     /// The most worlds in a message.
     pub worlds: usize,
+    /// How many weights are published at a time; 0 if the policy stays as it is.
+    pub weights: usize,
 }
 
 pub(super) type Words = publish_subscribe::PortFactory<ipc::Service, [u32], Header>;
 pub(super) type Event = event::PortFactory<ipc::Service>;
+pub(super) type WordPublisher = Publisher<ipc::Service, [u32], Header>;
+pub(super) type WordSubscriber = Subscriber<ipc::Service, [u32], Header>;
 
 /// The services of a swarm, open in one process.
 #[derive(Debug)]
 pub(super) struct Services {
     pub(super) observations: Words,
     pub(super) decisions: Words,
+    /// Only where there are weights to publish.
+    pub(super) weights: Option<Words>,
     pub(super) wake_agents: Event,
     pub(super) wake_supervisor: Event,
 }
@@ -80,6 +92,10 @@ impl SwarmAddress {
         Ok(Services {
             observations: self.words(node, "observations", self.agents, everybody, role)?,
             decisions: self.words(node, "decisions", self.agents, 1, role)?,
+            weights: match self.weights {
+                0 => None,
+                _ => Some(self.words(node, "weights", 1, self.agents, role)?),
+            },
             wake_agents: self.event(node, "wake-agents", 1, self.agents, role)?,
             wake_supervisor: self.event(node, "wake-supervisor", self.agents, 1, role)?,
         })
@@ -155,36 +171,41 @@ impl SwarmAddress {
 }
 
 /// A publisher of messages of up to `words` words.
-pub(super) fn publisher(
-    service: &Words,
-    words: usize,
-) -> Result<iceoryx2::port::publisher::Publisher<ipc::Service, [u32], Header>> {
+pub(super) fn publisher(service: &Words, words: usize) -> Result<WordPublisher> {
+    publisher_of(service, words, SAMPLES)
+}
+
+/// A publisher of so many weights.
+pub(super) fn weights_publisher(service: &Words, words: usize) -> Result<WordPublisher> {
+    publisher_of(service, words, WEIGHTS_SAMPLES)
+}
+
+fn publisher_of(service: &Words, words: usize, samples: usize) -> Result<WordPublisher> {
     service
         .publisher_builder()
         .initial_max_slice_len(words)
         .max_loaned_samples(1)
-        .override_sample_preallocation(|worst_case| worst_case.min(SAMPLES))
+        .override_sample_preallocation(move |worst_case| worst_case.min(samples))
         .create()
         .map_err(bus_error("create a publisher"))
 }
 
 /// A subscriber that keeps the newest messages of each publisher.
-pub(super) fn subscriber(
-    service: &Words,
-) -> Result<iceoryx2::port::subscriber::Subscriber<ipc::Service, [u32], Header>> {
+pub(super) fn subscriber(service: &Words) -> Result<WordSubscriber> {
     service.subscriber_builder().buffer_size(BUFFERED).create().map_err(bus_error("create a subscriber"))
 }
 
 /// How much shared memory a swarm may come to use, in bytes: payloads, and what iceoryx2 needs to manage
 /// them (measured: a page of 4 KiB for each connection of a publisher and a subscriber, a few for each
-/// process; twice that to be safe).
-pub fn shared_memory_needed(agents: usize, worlds: usize, layout: &Layout) -> u64 {
+/// process; twice that to be safe). `weights` are published at a time, 0 if the policy stays as it is.
+pub fn shared_memory_needed(agents: usize, worlds: usize, weights: usize, layout: &Layout) -> u64 {
     let per_agent =
         layout.sensor_words(worlds) + layout.observation_words(worlds) + layout.decision_words(worlds);
     let headers = 3 * 256;
     let payloads = agents * SAMPLES * (4 * per_agent + headers);
-    let connections = agents * (agents + 3);
-    (payloads + connections * 8 * 1024 + (agents + 1) * 64 * 1024) as u64
+    let weights = WEIGHTS_SAMPLES * 4 * weights;
+    let connections = agents * (agents + 4);
+    (payloads + weights + connections * 8 * 1024 + (agents + 1) * 64 * 1024) as u64
 }
 
 /// How many files a process of a swarm may have open (measured: 800 in the supervisor of 64 agents).

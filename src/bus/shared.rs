@@ -7,16 +7,14 @@ use std::time::Duration;
 use iceoryx2::node::Node;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 
-use super::services::{Role, Services, bus_error, publisher, subscriber};
+use super::services::{
+    Event, Role, Services, WordPublisher, WordSubscriber, bus_error, publisher, subscriber, weights_publisher,
+};
 use super::{AgentPort, Header, Layout, Sample, SwarmAddress};
 use crate::error::Result;
-
-type WordPublisher = Publisher<ipc::Service, [u32], Header>;
-type WordSubscriber = Subscriber<ipc::Service, [u32], Header>;
+use crate::failed;
 
 /// A received message in shared memory. Holding it keeps its publisher from writing there again.
 #[derive(Debug)]
@@ -38,6 +36,7 @@ pub struct SupervisorPort {
     sensors: Vec<WordPublisher>,
     observations: WordSubscriber,
     decisions: WordSubscriber,
+    weights: Option<WordPublisher>,
     wake_agents: Notifier<ipc::Service>,
     woken: Listener<ipc::Service>,
     // Declared last: ports go before the node they belong to.
@@ -56,6 +55,10 @@ impl SupervisorPort {
             sensors: (0..address.agents).map(sensor).collect::<Result<_>>()?,
             observations: subscriber(&services.observations)?,
             decisions: subscriber(&services.decisions)?,
+            weights: services
+                .weights
+                .map(|service| weights_publisher(&service, address.weights))
+                .transpose()?,
             wake_agents: notifier(&services.wake_agents)?,
             woken: listener(&services.wake_supervisor)?,
             _node: node,
@@ -77,6 +80,14 @@ impl SupervisorPort {
         receive(&self.decisions)
     }
 
+    /// Sends new weights to all agents, which must have received the last ones.
+    pub fn publish_weights(&self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+        let publisher = self.weights.as_ref();
+        let publisher = publisher.ok_or_else(|| failed!("a swarm with a frozen policy takes no weights"))?;
+        publish(publisher, header, write)
+            .map_err(|e| failed!("cannot publish weights before all agents have taken the last ones: {e}"))
+    }
+
     /// Wakes all agents.
     pub fn wake_agents(&self) -> Result<()> {
         self.wake_agents.notify().map(drop).map_err(bus_error("wake the agents"))
@@ -95,6 +106,7 @@ pub struct AgentSharedPort {
     observations_out: WordPublisher,
     observations_in: WordSubscriber,
     decisions: WordPublisher,
+    weights: Option<WordSubscriber>,
     wake_supervisor: Notifier<ipc::Service>,
     woken: Listener<ipc::Service>,
     // Declared last: ports go before the node they belong to.
@@ -105,13 +117,14 @@ impl AgentSharedPort {
     /// Opens the ports of one agent of the swarm at `address`.
     pub fn open(address: &SwarmAddress, layout: &Layout, agent: usize) -> Result<AgentSharedPort> {
         let node = address.node(Role::Agent)?;
-        let Services { observations, decisions, wake_agents, wake_supervisor } =
+        let Services { observations, decisions, weights, wake_agents, wake_supervisor } =
             address.services(&node, Role::Agent)?;
         Ok(AgentSharedPort {
             sensor: subscriber(&address.sensor(&node, agent, Role::Agent)?)?,
             observations_out: publisher(&observations, layout.observation_words(address.worlds))?,
             observations_in: subscriber(&observations)?,
             decisions: publisher(&decisions, layout.decision_words(address.worlds))?,
+            weights: weights.as_ref().map(subscriber).transpose()?,
             wake_supervisor: notifier(&wake_supervisor)?,
             woken: listener(&wake_agents)?,
             _node: node,
@@ -140,6 +153,10 @@ impl AgentPort for AgentSharedPort {
         receive(&self.observations_in)
     }
 
+    fn receive_weights(&mut self) -> Result<Option<SharedSample>> {
+        self.weights.as_ref().map_or(Ok(None), receive)
+    }
+
     fn publish_observation(&mut self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
         publish(&self.observations_out, header, write)
     }
@@ -149,11 +166,11 @@ impl AgentPort for AgentSharedPort {
     }
 }
 
-fn notifier(service: &super::services::Event) -> Result<Notifier<ipc::Service>> {
+fn notifier(service: &Event) -> Result<Notifier<ipc::Service>> {
     service.notifier_builder().create().map_err(bus_error("create a notifier"))
 }
 
-fn listener(service: &super::services::Event) -> Result<Listener<ipc::Service>> {
+fn listener(service: &Event) -> Result<Listener<ipc::Service>> {
     service.listener_builder().create().map_err(bus_error("create a listener"))
 }
 

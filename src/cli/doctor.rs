@@ -94,7 +94,7 @@ fn cores() -> Finding {
 fn shared_memory() -> Finding {
     let layout = Task::parse("spread-xy-4").and_then(|task| AgentSettings::for_task(&task).layout());
     let (free, total, needed) = match (shared_memory_free(), layout) {
-        (Ok((free, total)), Ok(layout)) => (free, total, shared_memory_needed(4, 10, &layout)),
+        (Ok((free, total)), Ok(layout)) => (free, total, shared_memory_needed(4, 10, 0, &layout)),
         (Err(e), _) | (_, Err(e)) => return Finding::bad(e.to_string()),
     };
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);

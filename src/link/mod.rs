@@ -74,6 +74,11 @@ impl LinkModel {
         LinkModel { links, seed, share_at_start }
     }
 
+    /// Whether every observation is delivered, always.
+    pub fn is_lossless(&self) -> bool {
+        self.links == Links::Level(1.0)
+    }
+
     /// The rows of the team at (episode, step): bit j of `rows[i]` is set if i receives j. Every agent
     /// has its own observation, so bit i of `rows[i]` is always set.
     pub fn rows(&self, episode: u64, step: u64, rows: &mut [u64]) {

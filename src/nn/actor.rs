@@ -67,6 +67,21 @@ impl Actor {
         }
     }
 
+    /// Takes new values, those of [`Networks::actor_tensors`](super::Networks::actor_tensors), one tensor after
+    /// the other. It allocates only while it shares its memory with other networks.
+    ///
+    /// # Panics
+    /// If there are too few values or too many.
+    pub fn renew(&mut self, mut values: &[f32]) {
+        self.fc1.renew(&mut values);
+        match &mut self.middle {
+            Middle::Linear(fc2) => fc2.renew(&mut values),
+            Middle::Gru(cell) => cell.renew(&mut values),
+        }
+        self.out.renew(&mut values);
+        assert!(values.is_empty(), "actor: more values than weights");
+    }
+
     /// The first layer. The one-hot id multiplies one row of the weight by one and all others by zero, so
     /// adding that row last gives the very bits of the whole product.
     fn first(&self, rows: usize, inputs: &[f32], y: &mut [f32]) {

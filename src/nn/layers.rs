@@ -14,6 +14,11 @@ impl Linear {
     pub(super) fn forward(&self, rows: usize, x: &[f32], y: &mut [f32]) {
         kernels::linear(rows, x, self.weight.values(), Start::Bias(self.bias.values()), y);
     }
+
+    /// Takes its new values from the front of `values`.
+    pub(super) fn renew(&mut self, values: &mut &[f32]) {
+        [&mut self.weight, &mut self.bias].into_iter().for_each(|tensor| tensor.renew(values));
+    }
 }
 
 /// The weights of a GRU or LSTM cell with hidden size h and g gates (3 or 4): `weight_ih` `[inputs, g h]`,
@@ -55,6 +60,12 @@ impl Cell {
         kernels::linear(rows, x, self.weight_ih.values(), Start::Bias(self.bias_ih.values()), gates);
         kernels::linear(rows, hidden, self.weight_hh.values(), Start::Output, gates);
         kernels::lstm_gates(rows, gates, self.bias_hh.values(), hidden, cell);
+    }
+
+    /// Takes its new values from the front of `values`.
+    pub(super) fn renew(&mut self, values: &mut &[f32]) {
+        let Cell { weight_ih, weight_hh, bias_ih, bias_hh } = self;
+        [weight_ih, weight_hh, bias_ih, bias_hh].into_iter().for_each(|tensor| tensor.renew(values));
     }
 }
 

@@ -10,6 +10,7 @@ use super::{Dims, PredictorSpec};
 use crate::error::Result;
 use crate::{failed, usage};
 use std::collections::HashMap;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -191,6 +192,26 @@ impl Policy {
             front.copy_from_slice(tensor.values());
             out = rest;
         }
+    }
+
+    /// Where the actor of this agent is in the values of [`copy_values`](Policy::copy_values).
+    pub fn actor_range(&self, agent: usize) -> Range<usize> {
+        self.range_of(&self.networks.actor_prefix(agent))
+    }
+
+    /// Where the predictor of this name is in the values of [`copy_values`](Policy::copy_values).
+    pub fn predictor_range(&self, name: &str) -> Option<Range<usize>> {
+        self.predictor(name).map(|predictor| self.range_of(&predictor.spec.prefix()))
+    }
+
+    /// Where the tensors of a network are, which are all beside each other.
+    fn range_of(&self, prefix: &str) -> Range<usize> {
+        let inside =
+            |spec: &TensorSpec| spec.name.strip_prefix(prefix).is_some_and(|rest| rest.starts_with('.'));
+        let specs = || self.tensors.iter().map(|(spec, _)| spec);
+        let start = specs().take_while(|spec| !inside(spec)).map(TensorSpec::n_values).sum();
+        let length: usize = specs().filter(|spec| inside(spec)).map(TensorSpec::n_values).sum();
+        start..start + length
     }
 
     /// Checks what `file` promises against what `dims` needs and `storage` holds.

@@ -58,6 +58,18 @@ impl Predictor {
             self.spec.held.iter().for_each(|&dim| row[dim] = 0.0);
         }
     }
+
+    /// Takes new values, those of [`PredictorSpec::tensors`], one tensor after the other. It allocates only
+    /// while it shares its memory with other networks.
+    ///
+    /// # Panics
+    /// If there are too few values or too many.
+    pub fn renew(&mut self, mut values: &[f32]) {
+        self.fc1.renew(&mut values);
+        self.lstm.renew(&mut values);
+        self.out.renew(&mut values);
+        assert!(values.is_empty(), "predictor: more values than weights");
+    }
 }
 
 impl LstmState {

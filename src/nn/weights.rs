@@ -25,6 +25,21 @@ impl Tensor {
     pub fn values(&self) -> &[f32] {
         &self.storage.values()[self.range.clone()]
     }
+
+    /// Takes its new values from the front of `values`: in place if the memory is its own, else in new memory
+    /// that is, so that the others keep theirs.
+    pub(super) fn renew(&mut self, values: &mut &[f32]) {
+        let new = values.split_off(..self.range.len()).expect("there are values for every tensor");
+        match Arc::get_mut(&mut self.storage) {
+            Some(Storage::Owned { lines, .. }) => {
+                bytemuck::cast_slice_mut(lines)[self.range.clone()].copy_from_slice(new);
+            }
+            _ => {
+                let (storage, _) = Storage::copy(std::iter::once(new));
+                *self = Tensor::new(Arc::new(storage), 0..new.len());
+            }
+        }
+    }
 }
 
 /// Flat memory full of f32.

@@ -1,6 +1,6 @@
 //! A team without processes: the same agents, phase by phase, in this thread.
 
-use super::{Decisions, Team, Tick};
+use super::{Decisions, Team, Tick, check_weights};
 use crate::agents::{Agent, AgentSettings, Member, Sensed};
 use crate::bus::{AgentPort, Header, Kind, Layout, LocalHub, LocalPort, LocalSample, PROTOCOL, Sample};
 use crate::error::Result;
@@ -13,6 +13,10 @@ pub struct InProcess<P: AgentPort = LocalPort> {
     hub: LocalHub,
     members: Vec<Member<P>>,
     layout: Layout,
+    /// The number of weights of the policy.
+    policy_weights: usize,
+    /// Which weights are in force.
+    weights: u64,
 }
 
 impl InProcess {
@@ -36,7 +40,7 @@ impl<P: AgentPort> InProcess<P> {
             Ok(Member::new(agent, wrap(hub.port(index)), layout, 0, 0))
         };
         let members = (0..task.n_agents()).map(member).collect::<Result<_>>()?;
-        Ok(InProcess { task, hub, members, layout })
+        Ok(InProcess { task, hub, members, layout, policy_weights: policy.n_values(), weights: 0 })
     }
 }
 
@@ -49,6 +53,7 @@ impl<P: AgentPort> Team for InProcess<P> {
                 protocol: PROTOCOL,
                 kind: Kind::Sensor as u32,
                 sender: agent as u32,
+                weights: self.weights,
                 ..tick.header(layout.sensor_words(worlds))
             };
             self.hub.send_sensor(agent, LocalSample::new(header, |words| tick.write(agent, &layout, words)));
@@ -66,6 +71,20 @@ impl<P: AgentPort> Team for InProcess<P> {
             decisions.take(&self.task, tick, agent, &layout.decision(decision.words(), worlds))?;
         }
         self.members.iter_mut().for_each(Member::predict);
+        Ok(())
+    }
+
+    fn renew(&mut self, weights: &[f32]) -> Result<()> {
+        check_weights(self.policy_weights, weights)?;
+        self.weights += 1;
+        let header = Header {
+            protocol: PROTOCOL,
+            kind: Kind::Weights as u32,
+            weights: self.weights,
+            length: weights.len() as u64,
+            ..Header::default()
+        };
+        self.hub.publish_weights(header, |words| words.copy_from_slice(bytemuck::cast_slice(weights)));
         Ok(())
     }
 }

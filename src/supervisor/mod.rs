@@ -62,6 +62,28 @@ pub trait Team {
     /// Gives every agent its own observation and its link rows, lets them exchange observations, and
     /// returns when all have decided.
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()>;
+
+    /// Gives the agents new weights, in the order of [`Policy::copy_values`](crate::nn::Policy::copy_values).
+    /// They are in force from the next tick that begins an episode.
+    ///
+    /// # Errors
+    /// `Failed` if there are too many or too few, one is not finite, or the team cannot take them:
+    /// [`Processes`] must play a [policy in training](crate::agents::PolicySource::Training), and an episode
+    /// must have begun with the last ones, of which there is one copy for all.
+    fn renew(&mut self, weights: &[f32]) -> Result<()>;
+}
+
+/// An error if these cannot be the `expected` weights of a policy: agents act on what they are given.
+fn check_weights(expected: usize, weights: &[f32]) -> Result<()> {
+    if weights.len() != expected {
+        return Err(failed!("a team got {} new weights, its policy has {expected}", weights.len()));
+    }
+    match weights.iter().position(|weight| !weight.is_finite()) {
+        Some(at) => {
+            Err(failed!("new weight {at} is {}: training went astray, try smaller steps", weights[at]))
+        }
+        None => Ok(()),
+    }
 }
 
 impl Tick<'_> {

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use super::launch::{AgentProcess, reap};
-use super::{Decisions, Team, Tick, signals};
+use super::{Decisions, Team, Tick, check_weights, signals};
 use crate::agents::process::ProcessSettings;
-use crate::agents::{AgentSettings, PolicySource};
+use crate::agents::{AgentSettings, PolicySource, now_ns};
 use crate::bus::{
     Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
     open_files_needed, shared_memory_free, shared_memory_needed, wait_until,
@@ -29,8 +29,11 @@ pub struct Processes {
     task: Task,
     agents: Vec<AgentProcess>,
     port: SupervisorPort,
+    /// Which swarm it is, and which weights are in force.
     identity: Header,
     layout: Layout,
+    /// The number of weights of the policy.
+    policy_weights: usize,
     wait: Wait,
     /// Agents that have done what the current phase waits for, bit by bit.
     answered: u64,
@@ -39,21 +42,25 @@ pub struct Processes {
 }
 
 impl Processes {
-    /// Starts one process per agent, with the `policy` that `settings` name, and waits until all are ready.
+    /// Starts one process per agent, with the `policy` that `settings` name, and waits until all are ready. Only
+    /// a policy [in training](PolicySource::Training) can be renewed.
     pub fn start(settings: &AgentSettings, policy: &Policy, wait: Wait) -> Result<Processes> {
         let (task, layout) = (settings.task()?, settings.layout()?);
         let team = task.n_agents();
         let directory = SwarmDirectory::create()?;
+        let weights = if settings.policy == PolicySource::Training { policy.n_values() } else { 0 };
         let settings = share_weights(settings, policy, &directory)?;
-        check_shared_memory(team, settings.worlds, &layout)?;
+        let worlds = settings.worlds;
+        check_shared_memory(team, worlds, weights, &layout)?;
         allow_open_files(team)?;
-        let address = SwarmAddress { tag: directory.tag().to_owned(), agents: team, worlds: settings.worlds };
+        let address = SwarmAddress { tag: directory.tag().to_owned(), agents: team, worlds, weights };
         let mut swarm = Processes {
             task,
             agents: Vec::with_capacity(team),
             port: SupervisorPort::create(&address, &layout)?,
             identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
             layout,
+            policy_weights: policy.n_values(),
             wait,
             answered: 0,
             _directory: directory,
@@ -83,8 +90,8 @@ impl Processes {
     }
 
     fn header(&self, kind: Kind, agent: usize, rest: Header) -> Header {
-        let Header { protocol, swarm, .. } = self.identity;
-        Header { protocol, swarm, kind: kind as u32, sender: agent as u32, ..rest }
+        let Header { protocol, swarm, weights, .. } = self.identity;
+        Header { protocol, swarm, weights, kind: kind as u32, sender: agent as u32, ..rest }
     }
 
     fn wake_agents(&self) -> Result<()> {
@@ -179,6 +186,22 @@ impl Team for Processes {
         self.wake_agents()?;
         self.await_all("decide", ANSWER_DEADLINE, |swarm| swarm.take_decisions(tick, decisions))
     }
+
+    fn renew(&mut self, weights: &[f32]) -> Result<()> {
+        check_weights(self.policy_weights, weights)?;
+        let next = self.identity.weights + 1;
+        let header = Header {
+            kind: Kind::Weights as u32,
+            weights: next,
+            length: weights.len() as u64,
+            sent_ns: now_ns(),
+            ..self.identity
+        };
+        // Nobody is woken: the agents look when the message of an episode's first step tells them to.
+        self.port.publish_weights(header, |words| words.copy_from_slice(bytemuck::cast_slice(weights)))?;
+        self.identity.weights = next;
+        Ok(())
+    }
 }
 
 impl Drop for Processes {
@@ -201,7 +224,7 @@ fn share_weights(
     directory: &SwarmDirectory,
 ) -> Result<AgentSettings> {
     let mut settings = settings.clone();
-    if let PolicySource::Untrained(_) = settings.policy {
+    if let PolicySource::Untrained(_) | PolicySource::Training = settings.policy {
         let path = directory.path().join("policy.safetensors");
         policy.save(&path)?;
         settings.policy = PolicySource::File(path);
@@ -210,9 +233,9 @@ fn share_weights(
 }
 
 /// Shared memory that runs out shows up as SIGBUS in the middle of a run, so look first.
-fn check_shared_memory(agents: usize, worlds: usize, layout: &Layout) -> Result<()> {
+fn check_shared_memory(agents: usize, worlds: usize, weights: usize, layout: &Layout) -> Result<()> {
     let (free, total) = shared_memory_free()?;
-    let needed = shared_memory_needed(agents, worlds, layout);
+    let needed = shared_memory_needed(agents, worlds, weights, layout);
     if needed <= free {
         return Ok(());
     }

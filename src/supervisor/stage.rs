@@ -44,6 +44,12 @@ impl Stage {
         }
     }
 
+    /// Begins with this episode instead of number 0.
+    pub fn starting_at(mut self, episode: u64) -> Stage {
+        self.next_episode = episode;
+        self
+    }
+
     /// The task.
     pub fn task(&self) -> &Task {
         &self.task

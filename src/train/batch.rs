@@ -67,6 +67,22 @@ impl Batch {
             "observations are not [T + 1, E, agents, _]"
         );
     }
+
+    /// Room for so many episodes of a task, all zero, with or without estimates.
+    pub fn zeros(task: &crate::world::Task, episodes: usize, estimates: bool) -> Batch {
+        let steps = crate::world::EPISODE_STEPS;
+        let (n_agents, rows) = (task.n_agents(), steps * episodes);
+        let seen = if estimates { rows + episodes } else { 0 };
+        Batch {
+            episodes,
+            steps,
+            observations: vec![0.0; (rows + episodes) * n_agents * task.padded_obs_dim()],
+            joint: vec![0.0; (rows + episodes) * task.joint_dim()],
+            estimates: vec![0.0; seen * n_agents * task.joint_dim()],
+            actions: vec![0; rows * n_agents],
+            rewards: vec![0.0; rows],
+        }
+    }
 }
 
 /// Writes the inputs of a network that serves `agents`, `[.., agents, width]`, behind each other to `x`: for
