@@ -21,6 +21,7 @@
 //! | [`recording`] | recorded episodes |
 //! | [`supervisor`] | launches agents, plays episodes in lockstep, watches and reaps |
 //! | [`train`] | how a team learns: actors, critics, predictors, one update |
+//! | [`metrics`] | what a training run writes down as it goes |
 //! | [`verify`] | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
 
@@ -33,6 +34,7 @@ pub mod cli;
 pub mod error;
 pub mod file;
 pub mod link;
+pub mod metrics;
 pub mod nn;
 pub mod recording;
 pub mod rng;
