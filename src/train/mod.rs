@@ -25,11 +25,11 @@ mod team;
 mod tests;
 mod threads;
 
-pub use actor::Actor;
+pub use actor::{Actor, ActorLosses};
 pub use batch::{Batch, Trajectories};
-pub use critic::Critic;
+pub use critic::{Critic, CriticLosses};
 pub use parameters::Parameters;
-pub use predictor::Predictor;
+pub use predictor::{Predictor, PredictorLosses};
 pub use rollout::Rollout;
 pub use settings::{CriticInput, Estimator, Objective, PredictorSettings, Settings};
 pub use state::Counters;
