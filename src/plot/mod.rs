@@ -7,6 +7,7 @@
 mod axis;
 mod curves;
 mod figure;
+mod style;
 mod svg;
 
 pub use curves::curves;
