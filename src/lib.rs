@@ -22,6 +22,7 @@
 //! | [`supervisor`] | launches agents, plays episodes in lockstep, watches and reaps |
 //! | [`train`] | how a team learns: actors, critics, predictors, one update |
 //! | [`metrics`] | what a training run writes down as it goes |
+//! | [`plot`] | charts as SVG |
 //! | [`verify`] | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
 
@@ -36,6 +37,7 @@ pub mod file;
 pub mod link;
 pub mod metrics;
 pub mod nn;
+pub mod plot;
 pub mod recording;
 pub mod rng;
 pub mod stats;

@@ -3,6 +3,7 @@
 mod doctor;
 mod import;
 mod inspect;
+mod plot;
 mod spawn;
 mod summary;
 mod tasks;
@@ -48,6 +49,8 @@ enum Command {
     Inspect(inspect::Inspect),
     /// Recompute recordings, traces and updates and compare
     Verify(verify::Verify),
+    /// Draw the learning curves of training runs
+    Plot(plot::Plot),
     /// Tell whether this machine is ready, and clean up after dead swarms
     Doctor(doctor::Doctor),
     /// Print completions for a shell
@@ -72,6 +75,7 @@ impl Cli {
             Command::Import(command) => command.run(),
             Command::Inspect(command) => command.run(),
             Command::Verify(command) => command.run(),
+            Command::Plot(command) => command.run(),
             Command::Doctor(command) => command.run(),
             Command::Completions { shell } => {
                 let mut script = Vec::new();

@@ -1,0 +1,142 @@
+//! Learning curves: what tests returned while a team was trained, one panel per level of communication.
+
+use super::{Figure, Panel, Point, Series};
+use crate::error::Result;
+use crate::metrics::Metrics;
+use crate::stats::mean;
+use crate::usage;
+
+/// The curves of one run, or of runs that differ in their seed: their mean and a band of one standard deviation
+/// (unbiased) to both sides, at the timesteps that all have. SVG text.
+///
+/// There is one panel for each level with columns `<predictor>/test_p=<level>_return_mean`, from the highest
+/// to the lowest, and one line per predictor. A predictor that only some runs have is the mean of these, and
+/// the legend says how many.
+///
+/// # Errors
+/// [`Error::Usage`](crate::error::Error::Usage) if there is no such column, or no timestep with a test that
+/// all runs have.
+pub fn curves(runs: &[Metrics], title: &str) -> Result<String> {
+    let tests: Vec<(&str, f64)> = runs
+        .iter()
+        .flat_map(|run| &run.columns)
+        .filter_map(|column| predictor_and_level(&column.name))
+        .collect();
+    let mut levels: Vec<f64> = tests.iter().map(|(_, level)| *level).collect();
+    levels.sort_by(|a, b| b.total_cmp(a));
+    levels.dedup();
+    let mut predictors = Vec::new();
+    for (predictor, _) in &tests {
+        if !predictors.contains(predictor) {
+            predictors.push(predictor);
+        }
+    }
+    if levels.is_empty() {
+        return Err(usage!(
+            "no metrics of tests to plot: there is no column `<predictor>/test_p=<level>_return_mean`"
+        ));
+    }
+    let panels = levels.iter().map(|level| Panel {
+        title: format!("p = {level}"),
+        x_label: "environment steps".to_owned(),
+        y_label: "return per episode".to_owned(),
+        series: predictors.iter().filter_map(|predictor| series(runs, predictor, *level)).collect(),
+    });
+    let panels: Vec<Panel> = panels.collect();
+    if panels.iter().flat_map(|panel| &panel.series).all(|series| series.points.is_empty()) {
+        return Err(usage!("nothing to plot yet: there is no timestep at which every run was tested"));
+    }
+    let title = match runs.len() {
+        1 => format!("{title} (one run)"),
+        n => format!("{title} (mean ± std of {n} runs)"),
+    };
+    Ok(Figure { title, panels }.to_svg())
+}
+
+/// Reads the name of a column.
+fn predictor_and_level(column: &str) -> Option<(&str, f64)> {
+    let (predictor, level) = column.strip_suffix("_return_mean")?.rsplit_once("/test_p=")?;
+    Some((predictor, level.parse().ok()?))
+}
+
+/// The line of a predictor at a level, of the runs that have it.
+fn series(runs: &[Metrics], predictor: &str, level: f64) -> Option<Series> {
+    let name = format!("{predictor}/test_p={level}_return_mean");
+    let tested: Vec<_> = runs.iter().filter_map(|run| Some((run, run.column(&name)?))).collect();
+    let (first, _) = tested.first()?;
+    let returns_at = |timestep: &u64| -> Option<Vec<f64>> {
+        let row_of = |run: &Metrics| run.timesteps.binary_search(timestep).ok();
+        tested.iter().map(|(run, values)| values[row_of(run)?]).collect()
+    };
+    let points = first.timesteps.iter().filter_map(|timestep| {
+        let returns = returns_at(timestep)?;
+        let y = mean(&returns);
+        let band = std(&returns).map(|std| (y - std, y + std));
+        Some(Point { x: *timestep as f64, y, band })
+    });
+    let points = points.collect();
+    let name = match tested.len() {
+        n if n == runs.len() => predictor.to_owned(),
+        n => format!("{predictor} ({n} of {} runs)", runs.len()),
+    };
+    Some(Series { name, points })
+}
+
+/// The unbiased standard deviation; `None` for fewer than two values.
+fn std(values: &[f64]) -> Option<f64> {
+    let mean = mean(values);
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (values.len() > 1).then(|| (squares / (values.len() - 1) as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::Column;
+
+    fn run(timesteps: &[u64], columns: &[(&str, &[Option<f64>])]) -> Metrics {
+        let columns = columns
+            .iter()
+            .map(|(name, values)| Column { name: format!("{name}_return_mean"), values: values.to_vec() });
+        Metrics { timesteps: timesteps.to_vec(), columns: columns.collect() }
+    }
+
+    #[test]
+    fn the_mean_is_over_runs_at_timesteps_that_all_have() {
+        let a = run(&[250, 500, 750], &[("maro/test_p=0.2", &[Some(-1.0), None, Some(-3.0)])]);
+        let b = run(&[250, 500, 1000], &[("maro/test_p=0.2", &[Some(-5.0), Some(-2.0), Some(-4.0)])]);
+        let line = series(&[a.clone(), b], "maro", 0.2).unwrap();
+        // Mean -3, variance (2^2 + 2^2) / 1.
+        let std = 8f64.sqrt();
+        assert_eq!(line.points, [Point { x: 250.0, y: -3.0, band: Some((-3.0 - std, -3.0 + std)) }]);
+        let alone = series(&[a], "maro", 0.2).unwrap();
+        let points: Vec<_> = alone.points.iter().map(|point| (point.x, point.y, point.band)).collect();
+        assert_eq!(points, [(250.0, -1.0, None), (750.0, -3.0, None)]);
+    }
+
+    #[test]
+    fn a_predictor_of_some_runs_says_so() {
+        let a = run(&[250], &[("maro/test_p=1", &[Some(-1.0)])]);
+        let b = run(&[250], &[("maro/test_p=1", &[Some(-1.0)]), ("va/test_p=1", &[Some(-2.0)])]);
+        let chart = curves(&[a, b], "test").unwrap();
+        assert!(chart.contains(">maro<") && chart.contains(">va (1 of 2 runs)<"));
+    }
+
+    #[test]
+    fn panels_go_from_the_highest_level_to_the_lowest() {
+        let values: &[Option<f64>] = &[Some(-1.0)];
+        let levels = ["m/test_p=0", "m/test_p=1", "m/test_p=0.5", "training", "m/test_p=often"];
+        let columns = levels.map(|name| (name, values));
+        let chart = curves(&[run(&[250], &columns)], "test").unwrap();
+        let titles: Vec<_> = chart.match_indices("p = ").map(|(at, _)| &chart[at + 4..at + 6]).collect();
+        assert_eq!(titles, ["1<", "0.", "0<"]);
+    }
+
+    #[test]
+    fn nothing_to_draw_is_an_error() {
+        let message = |runs: &[Metrics]| curves(runs, "test").unwrap_err().to_string();
+        assert!(message(&[run(&[250], &[("training", &[Some(1.0)])])]).contains("no metrics of tests"));
+        let at = |timestep| run(&[timestep], &[("maro/test_p=1", &[Some(-1.0)])]);
+        assert!(message(&[at(250), at(500)]).contains("no timestep"));
+    }
+}

@@ -1,0 +1,136 @@
+//! `plot` through the real binary.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::{command, fail, stderr, succeed};
+use tempfile::TempDir;
+
+/// The folder of a run of this task: four tests of two predictors at two levels.
+fn run_of(task: &str, parent: &TempDir, name: &str, shift: f64) -> PathBuf {
+    let folder = parent.path().join(name);
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::write(folder.join("config.toml"), format!("seed = 1\ntask = \"{task}\"\n[train]\nlr = 1e-4\n"))
+        .unwrap();
+    let mut text = String::from("timestep,entropy");
+    for predictor in ["value-aware", "maro"] {
+        for level in [1.0, 0.2] {
+            text += &format!(",{predictor}/test_p={level}_return_mean");
+        }
+    }
+    for row in 1..=8 {
+        let value = shift - 200.0 / f64::from(row);
+        // Tested in every other row.
+        let tests =
+            if row % 2 == 0 { format!("{value},{value},{value},{}", value * 2.0) } else { ",,,".into() };
+        text += &format!("\n{},1.5,{tests}", row * 250);
+    }
+    std::fs::write(folder.join("metrics.csv"), text + "\n").unwrap();
+    folder
+}
+
+fn hear_see(parent: &TempDir, name: &str, shift: f64) -> PathBuf {
+    run_of("hear-see", parent, name, shift)
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap()
+}
+
+#[test]
+fn one_run() {
+    let here = tempfile::tempdir().unwrap();
+    let folder = hear_see(&here, "a", 0.0);
+    let said = succeed(&format!("plot {}", folder.display()));
+    assert!(said.contains("a/curves.svg: hear-see: 1 run, 2000 environment steps"), "{said}");
+    let chart = read(&folder.join("curves.svg"));
+    for text in
+        ["hear-see: return of tests while training (one run)", "p = 1<", "p = 0.2<", "value-aware", "maro"]
+    {
+        assert!(chart.contains(text), "`{text}` is not in the chart");
+    }
+    assert!(!chart.contains("class=\"band"), "one run has no standard deviation");
+    let printed = succeed(&format!("plot {} --out -", folder.join("metrics.csv").display()));
+    assert!(printed.starts_with("<svg") && printed.ends_with("</svg>\n"));
+    assert!(printed.contains(">return of tests"), "a file alone has no task");
+}
+
+#[test]
+fn several_runs() {
+    let here = tempfile::tempdir().unwrap();
+    let runs = ["a", "b", "c"].map(|name| hear_see(&here, name, name.len() as f64));
+    let mut plot = command("plot");
+    let output = plot.args(&runs).current_dir(&here).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(said.starts_with("wrote curves.svg: hear-see: 3 runs"), "{said}");
+    let chart = read(&here.path().join("curves.svg"));
+    assert!(chart.contains("(mean ± std of 3 runs)"));
+    assert_eq!(chart.matches("class=\"band").count(), 4);
+    let out = here.path().join("elsewhere.svg");
+    succeed(&format!("plot {} {} --out {}", runs[2].display(), runs[0].display(), out.display()));
+    assert!(read(&out).contains("of 2 runs"));
+}
+
+#[test]
+fn a_run_in_training() {
+    let here = tempfile::tempdir().unwrap();
+    let folder = hear_see(&here, "a", 0.0);
+    let metrics = folder.join("metrics.csv");
+    let whole = read(&metrics);
+    std::fs::write(&metrics, format!("{whole}2250,1.")).unwrap();
+    let said = succeed(&format!("plot {}", folder.display()));
+    assert!(said.contains("2000 environment steps"), "{said}");
+    let untested: Vec<&str> = whole.lines().take(2).collect();
+    std::fs::write(&metrics, untested.join("\n") + "\n").unwrap();
+    fail(&format!("plot {}", folder.display()), 2, &["nothing to plot yet"]);
+}
+
+#[test]
+fn what_is_no_run() {
+    let here = tempfile::tempdir().unwrap();
+    let there = here.path().display();
+    fail("plot", 2, &["RUN"]);
+    fail(&format!("plot {there}/none"), 2, &["there is no file", "/none"]);
+    fail(&format!("plot {there}"), 2, &["there is no metrics.csv in", "not the folder of a training run"]);
+    std::fs::write(here.path().join("metrics.csv"), "timestep,entropy\n250,1\n").unwrap();
+    fail(&format!("plot {there}"), 2, &["no metrics of tests"]);
+    std::fs::write(here.path().join("config.toml"), "task = ").unwrap();
+    fail(&format!("plot {there}"), 1, &["config.toml"]);
+}
+
+#[test]
+fn damaged_metrics() {
+    let here = tempfile::tempdir().unwrap();
+    let folder = hear_see(&here, "a", 0.0);
+    let metrics = folder.join("metrics.csv");
+    std::fs::write(&metrics, read(&metrics).replace("\n1000,1.5,", "\n1000,1.5.,")).unwrap();
+    fail(&format!("plot {}", folder.display()), 1, &["metrics.csv, line 5", "`1.5.` is not a number"]);
+    assert!(!folder.join("curves.svg").exists());
+}
+
+#[test]
+fn runs_of_different_tasks() {
+    let here = tempfile::tempdir().unwrap();
+    let [a, b] = [hear_see(&here, "a", 0.0), run_of("spread-xy-4", &here, "b", 0.0)];
+    fail(
+        &format!("plot {} {} --out -", a.display(), b.display()),
+        2,
+        &["different tasks", "hear-see", "spread-xy-4"],
+    );
+    succeed(&format!("plot {} {} --out -", a.display(), b.join("metrics.csv").display()));
+}
+
+#[test]
+fn places_that_cannot_be_written() {
+    let here = tempfile::tempdir().unwrap();
+    let folder = hear_see(&here, "a", 0.0);
+    let out = here.path().join("no/such/folder.svg");
+    fail(
+        &format!("plot {} --out {}", folder.display(), out.display()),
+        1,
+        &["cannot write", "no/such/folder.svg"],
+    );
+    fail(&format!("plot {} --out {}", folder.display(), here.path().display()), 1, &["it is a folder"]);
+}
