@@ -161,3 +161,46 @@ pub fn now_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     Duration::new(now.tv_sec as u64, now.tv_nsec as u32).as_nanos() as u64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agents::{AgentSettings, PolicySource};
+    use crate::bus::{LocalHub, LocalPort, LocalSample};
+    use crate::world::Task;
+
+    /// A member that is told which weights are in force at the beginning of an episode.
+    fn told(in_force: u64) -> (LocalHub, Member<LocalPort>, usize) {
+        let task = Task::parse("hear-see").unwrap();
+        let policy = PolicySource::Untrained(1);
+        let settings = AgentSettings { policy, ..AgentSettings::for_task(&task) };
+        let (agent, layout) = (Agent::new(&settings, 0).unwrap(), settings.layout().unwrap());
+        let (hub, weights) = (LocalHub::new(2), agent.policy_weights());
+        let header = message(Kind::Sensor, in_force, layout.sensor_words(1));
+        hub.send_sensor(0, LocalSample::new(header, |_| {}));
+        let member = Member::new(agent, hub.port(0), layout, 7, 0);
+        (hub, member, weights)
+    }
+
+    fn message(kind: Kind, weights: u64, words: usize) -> Header {
+        let (kind, length) = (kind as u32, words as u64);
+        Header { protocol: PROTOCOL, swarm: 7, kind, weights, length, worlds: 1, ..Header::default() }
+    }
+
+    #[test]
+    fn no_agent_acts_with_other_weights_than_those_in_force() {
+        let (hub, mut member, weights) = told(2);
+        hub.publish_weights(message(Kind::Weights, 2, weights), |_| {});
+        assert_eq!(member.sense().unwrap(), Sensed::Tick);
+        let of_others = Header { swarm: 8, ..message(Kind::Weights, 2, weights) };
+        let (older, shorter) = (message(Kind::Weights, 1, weights), message(Kind::Weights, 2, weights - 1));
+        for misfit in [of_others, older, shorter] {
+            let (hub, mut member, _) = told(2);
+            hub.publish_weights(misfit, |_| {});
+            let error = member.sense().unwrap_err().to_string();
+            assert!(error.contains("agent-0") && error.contains("weights 2"), "{error}");
+        }
+        let (_hub, mut member, _) = told(1);
+        assert!(member.sense().is_err());
+    }
+}

@@ -3,8 +3,10 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use vamaro_swarm::agents::dims;
+use vamaro_swarm::agents::{AgentSettings, ImputerName, dims};
+use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
+use vamaro_swarm::supervisor::{Decisions, InProcess, Stage, Team as _};
 use vamaro_swarm::train::{Batch, Settings, Team};
 use vamaro_swarm::world::{EPISODE_STEPS, Task, World};
 
@@ -76,6 +78,35 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         };
         tick();
         assert_eq!(allocations(|| (0..5).for_each(|_| tick())), 0);
+    }
+}
+
+#[test]
+fn renewing_weights_allocates_nothing_after_the_first_time() {
+    for (kind, task) in [(ActorKind::Mlp, "hear-see"), (ActorKind::Gru, "spread-xy-4")] {
+        let task = Task::parse(task).unwrap();
+        let imputer = ImputerName::Predictor("value-aware".to_owned());
+        let settings = AgentSettings { imputer, ..AgentSettings::for_task(&task) };
+        let policy = Policy::untrained(&dims(&task), 1, Networks::paper(kind)).unwrap();
+        let mut team = InProcess::new(&settings, &policy).unwrap();
+        let mut stage = Stage::new(&task, LinkModel::new(Links::Level(0.5), 1, true), 1, 1);
+        let weights = vec![0.01; policy.n_values()];
+        let mut decisions = Decisions::default();
+        let mut first_tick = |renews: bool| {
+            stage.begin_episodes(u64::MAX);
+            stage.sense();
+            stage.draw_links();
+            allocations(|| {
+                if renews {
+                    team.renew(&weights).unwrap();
+                }
+                team.tick(&stage.tick(), &mut decisions).unwrap();
+            })
+        };
+        let [_, first] = [false, true].map(&mut first_tick);
+        let [plain, renewing] = [false, true].map(&mut first_tick);
+        assert!(renewing < first, "the first time, shared weights are copied");
+        assert_eq!(renewing, plain, "{}", task.id());
     }
 }
 

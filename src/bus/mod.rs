@@ -50,7 +50,7 @@ pub trait AgentPort {
     /// The next observation of a peer.
     fn receive_observation(&mut self) -> Result<Option<Self::Sample>>;
 
-    /// The next weights. Whoever receives them gives them back soon: nothing else is published meanwhile.
+    /// The next weights. They are to be copied and dropped: no others can be published meanwhile.
     fn receive_weights(&mut self) -> Result<Option<Self::Sample>>;
 
     /// Publishes to the peers a payload of `header.length` words that `write` fills in place.

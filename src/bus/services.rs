@@ -208,7 +208,7 @@ pub fn shared_memory_needed(agents: usize, worlds: usize, weights: usize, layout
     (payloads + weights + connections * 8 * 1024 + (agents + 1) * 64 * 1024) as u64
 }
 
-/// How many files a process of a swarm may have open (measured: 800 in the supervisor of 64 agents).
+/// How many files a process of a swarm may have open (measured: 862 in the supervisor of 64 agents in training).
 pub fn open_files_needed(agents: usize) -> u64 {
     64 + 14 * agents as u64
 }

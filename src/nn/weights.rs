@@ -26,12 +26,12 @@ impl Tensor {
         &self.storage.values()[self.range.clone()]
     }
 
-    /// Takes its new values from the front of `values`: in place if the memory is its own, else in new memory
-    /// that is, so that the others keep theirs.
+    /// Takes its new values from the front of `values`: in place if the memory is this tensor's alone, else in new
+    /// memory that is, so that others keep their values.
     pub(super) fn renew(&mut self, values: &mut &[f32]) {
         let new = values.split_off(..self.range.len()).expect("there are values for every tensor");
         match Arc::get_mut(&mut self.storage) {
-            Some(Storage::Owned { lines, .. }) => {
+            Some(Storage::Owned { lines, len }) if *len == new.len() => {
                 bytemuck::cast_slice_mut(lines)[self.range.clone()].copy_from_slice(new);
             }
             _ => {

@@ -146,14 +146,16 @@ fn sockets(tag: &str) -> usize {
     entries.filter(|entry| entry.file_name().to_string_lossy().ends_with(".event")).count()
 }
 
-fn children(process: u32) -> Vec<Pid> {
-    let path = format!("/proc/{process}/task/{process}/children");
-    let text = std::fs::read_to_string(path).unwrap_or_default();
-    text.split_whitespace().filter_map(|pid| Pid::from_raw(pid.parse().ok()?)).collect()
+/// The processes that any thread of this one has started.
+pub fn children(process: u32) -> Vec<Pid> {
+    let threads = std::fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
+    let texts = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("children")).ok());
+    let pids = texts.collect::<Vec<String>>().join(" ");
+    pids.split_whitespace().filter_map(|pid| Pid::from_raw(pid.parse().ok()?)).collect()
 }
 
 /// The settings an agent was started with.
-fn settings_of(agent: Pid) -> Option<serde_json::Value> {
+pub fn settings_of(agent: Pid) -> Option<serde_json::Value> {
     let line = std::fs::read(format!("/proc/{}/cmdline", agent.as_raw_nonzero())).ok()?;
     serde_json::from_slice(line.split(|byte| *byte == 0).nth(2)?).ok()
 }
