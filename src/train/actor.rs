@@ -1,6 +1,6 @@
 //! The actor's part of an update: PPO's clipped surrogate and entropy.
 
-use std::ops::Range;
+use std::ops::{AddAssign, Range};
 
 use super::batch::{Batch, gather};
 use super::memory::Buffer;
@@ -21,12 +21,27 @@ pub struct Actor {
     /// Logarithms of the probabilities of what was done, before this update, `[T, E, its agents]`.
     old: Buffer,
     d: Buffer,
-    /// The loss over its agents.
-    pub(super) loss: f64,
-    /// The mean entropy of its policy, nat.
-    pub(super) entropy: f64,
+    /// Its share of the means over all agents.
+    pub(super) losses: ActorLosses,
     /// The square of the norm of its gradient.
     pub(super) squared_norm: f64,
+}
+
+/// What the actors say of an epoch: means over steps, episodes and agents.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ActorLosses {
+    /// What is minimised: the loss of the policy, minus weighed entropy.
+    pub loss: f64,
+    /// The loss of the policy: minus the clipped surrogate.
+    pub policy: f64,
+    /// The entropy of the policies, nat.
+    pub entropy: f64,
+    /// The probability of the likeliest action.
+    pub pi_max: f64,
+    /// The share of ratios outside of 1 +- clip.
+    pub clip_fraction: f64,
+    /// How far the policies have moved in this update: `(ratio - 1) - ln ratio`, an estimate of KL(old || new).
+    pub approx_kl: f64,
 }
 
 /// Keeps the logarithm of a probability finite.
@@ -44,8 +59,7 @@ impl Actor {
             x: Buffer::default(),
             old: Buffer::default(),
             d: Buffer::default(),
-            loss: 0.0,
-            entropy: 0.0,
+            losses: ActorLosses::default(),
             squared_norm: 0.0,
         }
     }
@@ -78,7 +92,7 @@ impl Actor {
         let (clip, entropy_coefficient) = (settings.clip as f32, settings.entropy_coefficient as f32);
         let entries = batch.actions.len() as f32;
 
-        let (mut loss, mut entropies) = (0.0, 0.0);
+        let (mut losses, share) = (ActorLosses::default(), 1.0 / f64::from(entries));
         for (at, (logits, d)) in logits.chunks_exact(n_actions).zip(d.chunks_exact_mut(n_actions)).enumerate()
         {
             let agent = self.agents.start + at % self.agents.len();
@@ -94,23 +108,39 @@ impl Actor {
             if first {
                 old[at] = log_pi;
             }
-            let ratio = (log_pi - old[at]).exp();
+            let log_ratio = log_pi - old[at];
+            let ratio = log_ratio.exp();
             let clipped = ratio.clamp(1.0 - clip, 1.0 + clip);
             // The gradient flows where the surrogate is the ratio's own, not the bound's.
             let surrogate = (ratio * advantage).min(clipped * advantage);
             let d_log_pi = if surrogate < ratio * advantage { 0.0 } else { ratio * advantage };
 
             let entropy = -pi.iter().map(|&p| p * (p + TINY).ln()).sum::<f32>();
-            loss -= f64::from(surrogate + entropy_coefficient * entropy);
-            entropies += f64::from(entropy);
+            let likeliest = pi.iter().copied().fold(0.0, f32::max);
+            losses.loss -= share * f64::from(surrogate + entropy_coefficient * entropy);
+            losses.policy -= share * f64::from(surrogate);
+            losses.entropy += share * f64::from(entropy);
+            losses.pi_max += share * f64::from(likeliest);
+            losses.clip_fraction += if ratio == clipped { 0.0 } else { share };
+            losses.approx_kl += share * f64::from(ratio - 1.0 - log_ratio);
             let d_taken = -d_log_pi / (pi[action] + TINY) / entries;
             let d_entropy = -entropy_coefficient / entries;
             softmax_backward(pi, action, d_taken, d_entropy);
         }
-        let count = (batch.steps * rows) as f64;
-        (self.loss, self.entropy) = (loss / count, entropies / count);
+        self.losses = losses;
         self.network.backward(values, batch.steps, rows, &self.x, &self.d, gradient);
         self.squared_norm = self.parameters.squared_norm();
+    }
+}
+
+impl AddAssign for ActorLosses {
+    fn add_assign(&mut self, other: ActorLosses) {
+        self.loss += other.loss;
+        self.policy += other.policy;
+        self.entropy += other.entropy;
+        self.pi_max += other.pi_max;
+        self.clip_fraction += other.clip_fraction;
+        self.approx_kl += other.approx_kl;
     }
 }
 

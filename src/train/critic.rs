@@ -1,6 +1,6 @@
 //! The critic: what the rest of an episode is worth.
 
-use std::ops::Range;
+use std::ops::{AddAssign, Range};
 
 use super::batch::{Batch, gather};
 use super::memory::{Buffer, Flat};
@@ -25,10 +25,25 @@ pub struct Critic {
     /// Return minus value, `[T, E, its agents]`.
     pub(super) advantages: Buffer,
     d: Buffer,
-    /// The mean of the squared advantages, over its agents.
-    pub(super) loss: f64,
+    /// Its share of the means over all agents.
+    pub(super) losses: CriticLosses,
     /// The square of the norm of its gradient.
     pub(super) squared_norm: f64,
+}
+
+/// What the critics say of an epoch: means over steps, episodes and agents.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CriticLosses {
+    /// What is minimised: the square of return minus value.
+    pub loss: f64,
+    /// The absolute value of return minus value.
+    pub td_error_abs: f64,
+    /// The value.
+    pub value: f64,
+    /// The return that the value should have been.
+    pub target: f64,
+    /// Return minus value: what the actors learn from.
+    pub advantage: f64,
 }
 
 impl Critic {
@@ -59,7 +74,7 @@ impl Critic {
             returns: Buffer::default(),
             advantages: Buffer::default(),
             d: Buffer::default(),
-            loss: 0.0,
+            losses: CriticLosses::default(),
             squared_norm: 0.0,
         }
     }
@@ -88,13 +103,18 @@ impl Critic {
         let x = &self.x[..rows * inputs];
         let values = self.network.forward(&self.parameters.values, rows, x);
         let (advantages, d) = (self.advantages.resize(rows), self.d.resize(rows));
-        let mut sum = 0.0;
+        let (mut losses, share) = (CriticLosses::default(), 1.0 / entries as f64);
         for (at, (advantage, d)) in advantages.iter_mut().zip(d.iter_mut()).enumerate() {
             *advantage = self.returns[at] - values[at];
             *d = -2.0 * *advantage / entries as f32;
-            sum += f64::from(*advantage).powi(2);
+            let error = f64::from(*advantage);
+            losses.loss += share * error.powi(2);
+            losses.td_error_abs += share * error.abs();
+            losses.value += share * f64::from(values[at]);
+            losses.target += share * f64::from(self.returns[at]);
+            losses.advantage += share * error;
         }
-        self.loss = sum / rows as f64;
+        self.losses = losses;
         let Parameters { values, gradient, .. } = &mut self.parameters;
         self.network.backward(values, rows, x, &self.d, gradient);
         self.squared_norm = self.parameters.squared_norm();
@@ -103,5 +123,15 @@ impl Critic {
     /// The target becomes the critic.
     pub(super) fn renew_target(&mut self) {
         self.target.all_mut().copy_from_slice(self.parameters.values.all());
+    }
+}
+
+impl AddAssign for CriticLosses {
+    fn add_assign(&mut self, other: CriticLosses) {
+        self.loss += other.loss;
+        self.td_error_abs += other.td_error_abs;
+        self.value += other.value;
+        self.target += other.target;
+        self.advantage += other.advantage;
     }
 }

@@ -24,11 +24,11 @@ mod team;
 mod tests;
 mod threads;
 
-pub use actor::Actor;
+pub use actor::{Actor, ActorLosses};
 pub use batch::{Batch, Trajectories};
-pub use critic::Critic;
+pub use critic::{Critic, CriticLosses};
 pub use parameters::Parameters;
-pub use predictor::Predictor;
+pub use predictor::{Predictor, PredictorLosses};
 pub use settings::{CriticInput, Estimator, Objective, PredictorSettings, Settings};
 pub use state::Counters;
 pub use team::{Losses, Team};

@@ -25,6 +25,18 @@ pub struct Predictor {
     pub(super) carried: Option<Flat>,
 }
 
+/// What a predictor says of an update: means over its steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PredictorLosses {
+    /// What is minimised: the negative log-likelihood of an agent's own part, summed over its dims, in the mean
+    /// over time, trajectories and agents by what each counts for.
+    pub loss: f64,
+    /// The same where everything counts alike.
+    pub nll: f64,
+    /// The norm of the gradient, with what was carried on, before it is clipped.
+    pub gradient: f64,
+}
+
 impl Predictor {
     /// An untrained predictor.
     pub(super) fn new(
@@ -48,22 +60,30 @@ impl Predictor {
     }
 
     /// Its steps of one update, on the `batch` and its `advantages` `[T, E, agents]` or on one of `replays`
-    /// each, as its objective asks. Returns the mean loss; `None` if there was nothing to learn from: no
-    /// replay yet, or nothing that counts.
+    /// each, as its objective asks. `None` if there was nothing to learn from: no replay yet, or nothing
+    /// that counts.
     pub(super) fn learn(
         &mut self,
         settings: &Settings,
         batch: Trajectories,
         advantages: &[f32],
         replays: &[Trajectories],
-    ) -> Option<f64> {
-        let (mut steps, mut sum) = (0, 0.0);
+    ) -> Option<PredictorLosses> {
+        let (mut steps, mut sums) = (0.0, PredictorLosses::default());
         for at in 0..settings.predictor_updates {
-            if let Some(loss) = self.learn_once(batch, advantages, replays.get(at)) {
-                (steps, sum) = (steps + 1, sum + loss);
+            if let Some(losses) = self.learn_once(batch, advantages, replays.get(at)) {
+                steps += 1.0;
+                sums.loss += losses.loss;
+                sums.nll += losses.nll;
+                sums.gradient += losses.gradient;
             }
         }
-        (steps > 0).then(|| sum / f64::from(steps))
+        let PredictorLosses { loss, nll, gradient } = sums;
+        (steps > 0.0).then(|| PredictorLosses {
+            loss: loss / steps,
+            nll: nll / steps,
+            gradient: gradient / steps,
+        })
     }
 
     /// One step, or none if there is nothing to learn from.
@@ -72,7 +92,7 @@ impl Predictor {
         batch: Trajectories,
         advantages: &[f32],
         replay: Option<&Trajectories>,
-    ) -> Option<f64> {
+    ) -> Option<PredictorLosses> {
         match self.settings.objective {
             Objective::Maro => {
                 let replay = *replay?;
@@ -91,25 +111,26 @@ impl Predictor {
     }
 
     /// One step of Adam on the mean of the negative log-likelihood by `self.weights`.
-    fn step(&mut self, trajectories: Trajectories) -> Option<f64> {
-        let loss = self.differentiate(trajectories)?;
+    fn step(&mut self, trajectories: Trajectories) -> Option<PredictorLosses> {
+        let (loss, nll) = self.differentiate(trajectories)?;
         let gradient = &mut self.parameters.gradient;
         if let Some(carried) = &self.carried {
             let carried = carried.all().iter();
             gradient.all_mut().iter_mut().zip(carried).for_each(|(gradient, carried)| *gradient += carried);
         }
-        let scale = clip_scale(self.parameters.squared_norm().sqrt(), self.settings.largest_gradient);
+        let norm = self.parameters.squared_norm().sqrt();
+        let scale = clip_scale(norm, self.settings.largest_gradient);
         if let Some(carried) = &mut self.carried {
             let gradient = self.parameters.gradient.all().iter();
             let carried = carried.all_mut().iter_mut();
             carried.zip(gradient).for_each(|(carried, gradient)| *carried = gradient * scale as f32);
         }
         self.parameters.step(self.settings.learning_rate, scale);
-        Some(loss)
+        Some(PredictorLosses { loss, nll, gradient: norm })
     }
 
-    /// The loss and its gradient.
-    fn differentiate(&mut self, trajectories: Trajectories) -> Option<f64> {
+    /// The loss, the same where everything counts alike, and the gradient.
+    fn differentiate(&mut self, trajectories: Trajectories) -> Option<(f64, f64)> {
         let Trajectories { rows, observations, joint } = trajectories;
         let total: f64 = self.weights.iter().map(|&weight| f64::from(weight)).sum();
         if total == 0.0 {
@@ -124,7 +145,7 @@ impl Predictor {
 
         let d = self.d.resize(out.len());
         d.fill(0.0);
-        let mut loss = 0.0;
+        let (mut loss, mut sum) = (0.0, 0.0);
         let moves = x.chunks_exact(width).zip(next.chunks_exact(width));
         let outs = out.chunks_exact(2 * self.predicted).zip(d.chunks_exact_mut(2 * self.predicted));
         let unique = self.predicted / self.n_agents;
@@ -138,13 +159,15 @@ impl Predictor {
                 // -log N(delta; mean, exp(raw)) = z^2 / 2 + raw + log sqrt(2 pi), z = (delta - mean) / exp(raw)
                 let scale = (-raw[dim]).exp();
                 let z = (after[dim] - before[dim] - mean[dim]) * scale;
-                loss += share * f64::from(0.5 * z * z + raw[dim] + HALF_LOG_TWO_PI);
+                let nll = f64::from(0.5 * z * z + raw[dim] + HALF_LOG_TWO_PI);
+                loss += share * nll;
+                sum += nll;
                 d_mean[dim] = -share as f32 * z * scale;
                 d_raw[dim] = share as f32 * (1.0 - z * z);
             }
         }
         self.network.backward(values, steps, rows, x, &self.d, gradient);
-        Some(loss)
+        Some((loss, sum / self.weights.len() as f64))
     }
 }
 

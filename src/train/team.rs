@@ -1,11 +1,11 @@
 //! A team in training, and one update of it.
 
-use super::actor::Actor;
+use super::actor::{Actor, ActorLosses};
 use super::batch::{Batch, Trajectories};
-use super::critic::Critic;
+use super::critic::{Critic, CriticLosses};
 use super::memory::Buffer;
 use super::parameters::clip_scale;
-use super::predictor::Predictor;
+use super::predictor::{Predictor, PredictorLosses};
 use super::returns::standardise;
 use super::settings::Settings;
 use super::threads::side_by_side;
@@ -32,28 +32,26 @@ pub struct Team {
     losses: Losses,
 }
 
-/// What an update says of itself, all of its last epoch.
+/// What an update says of itself; of actors and critics its last epoch.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Losses {
-    /// The critics' mean squared error, over all agents.
-    pub critic: f64,
-    /// The actors' loss: minus surrogate and weighed entropy, over all agents.
-    pub actor: f64,
-    /// The mean entropy of the policies, nat.
-    pub entropy: f64,
+    /// What the critics say, over all agents.
+    pub critics: CriticLosses,
     /// The norm of the critics' gradient, before it is clipped.
     pub critic_gradient: f64,
+    /// What the actors say, over all agents.
+    pub actors: ActorLosses,
     /// The norm of the actors' gradient, before it is clipped.
     pub actor_gradient: f64,
-    /// The loss of each predictor; `None` where there was nothing to learn from.
-    pub predictors: Vec<Option<f64>>,
+    /// What each predictor says; `None` where there was nothing to learn from.
+    pub predictors: Vec<Option<PredictorLosses>>,
 }
 
 /// A network's turn in a round; actors and critics know which epoch they are in.
 enum Turn<'a> {
     Actor(&'a mut Actor, usize),
     Critic(&'a mut Critic, usize),
-    Predictor(&'a mut Predictor, &'a mut Option<f64>),
+    Predictor(&'a mut Predictor, &'a mut Option<PredictorLosses>),
 }
 
 impl Team {
@@ -123,7 +121,6 @@ impl Team {
         if self.updates.is_multiple_of(self.settings.target_interval) {
             self.critics.iter_mut().for_each(Critic::renew_target);
         }
-        self.note_losses();
         &self.losses
     }
 
@@ -174,7 +171,8 @@ impl Team {
         });
     }
 
-    /// Between rounds: the advantages that each critic has for its agents come together, and so do the norms.
+    /// Between rounds: the advantages that each critic has for its agents come together, and so do losses and
+    /// norms.
     fn meet(&mut self, batch: &Batch) {
         let n_agents = self.available.len();
         let advantages = self.advantages.resize(batch.actions.len());
@@ -188,16 +186,8 @@ impl Team {
         let losses = &mut self.losses;
         losses.actor_gradient = norm(&mut self.actors.iter().map(|actor| actor.squared_norm));
         losses.critic_gradient = norm(&mut self.critics.iter().map(|critic| critic.squared_norm));
-    }
-
-    fn note_losses(&mut self) {
-        let n_agents = self.available.len() as f64;
-        let losses = &mut self.losses;
-        let over_agents = |parts: &mut dyn Iterator<Item = (f64, usize)>| {
-            parts.map(|(mean, agents)| mean * agents as f64).sum::<f64>() / n_agents
-        };
-        losses.critic = over_agents(&mut self.critics.iter().map(|c| (c.loss, c.agents.len())));
-        losses.actor = over_agents(&mut self.actors.iter().map(|a| (a.loss, a.agents.len())));
-        losses.entropy = over_agents(&mut self.actors.iter().map(|a| (a.entropy, a.agents.len())));
+        (losses.actors, losses.critics) = Default::default();
+        self.actors.iter().for_each(|actor| losses.actors += actor.losses);
+        self.critics.iter().for_each(|critic| losses.critics += critic.losses);
     }
 }

@@ -138,8 +138,6 @@ fn the_gradient_of_an_actor_is_that_of_its_loss() {
         let (settings, batch) = (settings(kind, sharing), batch(3));
         let advantages = numbers(8, batch.actions.len());
         for mut actor in team(settings.clone(), 1).actors {
-            // The loss is a mean over the actor's own agents, the gradient one over all.
-            let share = actor.agents.len() as f64 / N as f64;
             actor.begin(N, &batch);
             actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, true);
             // A step away from the old policy, some ratios are clipped and some are not.
@@ -149,7 +147,7 @@ fn the_gradient_of_an_actor_is_that_of_its_loss() {
             check_gradient(&format!("{kind}, {sharing}"), &values, &gradient, |values| {
                 actor.parameters.values = values.clone();
                 actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, false);
-                actor.loss * share
+                actor.losses.loss
             });
         }
     }
@@ -162,7 +160,6 @@ fn the_gradient_of_a_critic_is_that_of_its_loss() {
             let settings = Settings { critic_input: input, ..settings(ActorKind::Mlp, sharing) };
             let batch = batch(4);
             for mut critic in team(settings.clone(), 1).critics {
-                let share = critic.agents.len() as f64 / N as f64;
                 critic.begin(&settings, N, &batch, &batch.rewards);
                 critic.differentiate(batch.actions.len());
                 let (values, gradient) =
@@ -170,7 +167,7 @@ fn the_gradient_of_a_critic_is_that_of_its_loss() {
                 check_gradient(&format!("{input:?}, {sharing}"), &values, &gradient, |values| {
                     critic.parameters.values = values.clone();
                     critic.differentiate(batch.actions.len());
-                    critic.loss * share
+                    critic.losses.loss
                 });
             }
         }
@@ -207,7 +204,7 @@ fn the_gradient_of_a_predictor_is_that_of_its_loss() {
         let (values, gradient) = (predictor.parameters.values.clone(), predictor.parameters.gradient.clone());
         check_gradient(&format!("{objective:?}"), &values, &gradient, |values| {
             predictor.parameters.values = values.clone();
-            learn(&mut predictor)
+            learn(&mut predictor).loss
         });
     }
 }
@@ -239,9 +236,10 @@ fn several_steps_of_a_predictor_are_steps_in_a_row() {
         let mut moving = still_predictor(objective, vec![], true);
         moving.settings.learning_rate = 1e-2;
         let mut one_by_one = moving.clone();
-        let loss = moving.learn(&thrice, batch.trajectories(), &advantages, &replays).unwrap();
-        let mut losses = replays
-            .map(|replay| one_by_one.learn(&once(), batch.trajectories(), &advantages, &[replay]).unwrap());
+        let loss = moving.learn(&thrice, batch.trajectories(), &advantages, &replays).unwrap().loss;
+        let mut losses = replays.map(|replay| {
+            one_by_one.learn(&once(), batch.trajectories(), &advantages, &[replay]).unwrap().loss
+        });
         assert_eq!(moving.parameters.values.all(), one_by_one.parameters.values.all(), "{objective:?}");
         assert_eq!(loss, losses.iter().sum::<f64>() / 3.0, "{objective:?}");
         losses.sort_by(f64::total_cmp);
@@ -335,6 +333,72 @@ fn predictors_learn_from_the_truth() {
         team.predictors.iter().map(|p| p.parameters.values.all().to_vec()).collect::<Vec<_>>()
     };
     assert_eq!(learn(&imputed), learn(&truth));
+}
+
+#[test]
+fn what_actors_and_critics_say_worked_by_hand() {
+    let settings =
+        Settings { entropy_coefficient: 0.5, clip: 0.2, ..settings(ActorKind::Mlp, Sharing::Shared) };
+    let mut team = team(settings.clone(), 1);
+    let batch = Batch { actions: vec![0; 72], ..batch(1) };
+    let advantages = vec![1.0; 72];
+    // Only a bias speaks: the first action has the probability `first`, the other four share the rest.
+    let actor = &mut team.actors[0];
+    actor.parameters.values.all_mut().fill(0.0);
+    let mut speak = |first: f64, is_first: bool| {
+        actor.parameters.values.tensor_mut(5)[0] = (4.0 * first / (1.0 - first)).ln() as f32;
+        actor.begin(N, &batch);
+        actor.differentiate(&settings, &batch, &[5; N], &advantages, is_first);
+        actor.losses
+    };
+    let entropy = |first: f64| -first * first.ln() - (1.0 - first) * ((1.0 - first) / 4.0).ln();
+    let close =
+        |found: f64, expected: f64| assert!((found - expected).abs() < 1e-5, "{found}, not {expected}");
+    let before = speak(0.5, true);
+    close(before.policy, -1.0);
+    close(before.entropy, entropy(0.5));
+    close(before.loss, -1.0 - 0.5 * entropy(0.5));
+    close(before.pi_max, 0.5);
+    assert_eq!((before.clip_fraction, before.approx_kl), (0.0, 0.0));
+    let after = speak(0.75, false);
+    close(after.policy, -1.2);
+    close(after.entropy, entropy(0.75));
+    close(after.pi_max, 0.75);
+    close(after.clip_fraction, 1.0);
+    close(after.approx_kl, 0.5 - 1.5f64.ln());
+
+    let critic = &mut team.critics[0];
+    critic.begin(&settings, N, &batch, &batch.rewards);
+    critic.differentiate(72);
+    let mean =
+        |of: &dyn Fn(f64) -> f64| critic.advantages.iter().map(|&a| of(f64::from(a))).sum::<f64>() / 72.0;
+    let losses = critic.losses;
+    close(losses.loss, mean(&|a| a * a));
+    close(losses.td_error_abs, mean(&f64::abs));
+    close(losses.advantage, mean(&|a| a));
+    close(losses.target - losses.value, losses.advantage);
+    assert!(losses.td_error_abs > losses.advantage.abs() && losses.value != 0.0);
+}
+
+#[test]
+fn what_predictors_say() {
+    let batch = batch(6);
+    let learn = |lambda, advantages: &[f32]| {
+        let mut predictor = still_predictor(Objective::ValueAware { lambda }, vec![], false);
+        let losses = predictor.learn(&once(), batch.trajectories(), advantages, &[]).unwrap();
+        let norm = predictor.parameters.squared_norm().sqrt();
+        assert_eq!(losses.gradient, norm);
+        losses
+    };
+    let advantages = numbers(10, 72);
+    let (alike, weighted) = (learn(0.0, &advantages), learn(1.0, &advantages));
+    assert!((alike.loss - alike.nll).abs() < 1e-9);
+    assert_eq!(weighted.nll, alike.nll);
+    assert_ne!(weighted.loss, weighted.nll);
+    // The likelihood is that of the agents' own parts: with weights for one agent alone, it is that part's.
+    let only = |agent: usize| (0..72).map(|at| if at % N == agent { 0.0 } else { -1.0 }).collect::<Vec<_>>();
+    let parts: f64 = (0..N).map(|agent| learn(1.0, &only(agent)).loss).sum();
+    assert!((parts / N as f64 - alike.nll).abs() < 1e-6);
 }
 
 #[test]

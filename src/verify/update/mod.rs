@@ -112,7 +112,8 @@ fn compare_update(
     file: &UpdateFile,
 ) -> Result<Vec<Comparison>> {
     let batch = file.batch(task)?;
-    let loss = team.update(&batch, &[]).predictors.first().copied().flatten().unwrap_or(f64::NAN);
+    let losses = team.update(&batch, &[]).predictors.first().copied().flatten();
+    let loss = losses.map_or(f64::NAN, |losses| losses.loss);
 
     let (mut advantages, mut losses) = (Deviations::default(), Deviations::default());
     advantages.add_all(team.advantages(), &file.advantages(&batch, task.n_agents())?);
