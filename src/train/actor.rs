@@ -1,6 +1,7 @@
 //! The actor's part of an update: PPO's clipped surrogate and entropy.
 
 use std::ops::{AddAssign, Range};
+use std::time::Duration;
 
 use super::batch::{Batch, gather};
 use super::memory::Buffer;
@@ -25,6 +26,8 @@ pub struct Actor {
     pub(super) losses: ActorLosses,
     /// The square of the norm of its gradient.
     pub(super) squared_norm: f64,
+    /// Time it took since it was made.
+    pub(super) busy: Duration,
 }
 
 /// What the actors say of an epoch: means over steps, episodes and agents.
@@ -61,6 +64,7 @@ impl Actor {
             d: Buffer::default(),
             losses: ActorLosses::default(),
             squared_norm: 0.0,
+            busy: Duration::ZERO,
         }
     }
 

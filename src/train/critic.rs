@@ -1,6 +1,7 @@
 //! The critic: what the rest of an episode is worth.
 
 use std::ops::{AddAssign, Range};
+use std::time::Duration;
 
 use super::batch::{Batch, gather};
 use super::memory::{Buffer, Flat};
@@ -29,6 +30,8 @@ pub struct Critic {
     pub(super) losses: CriticLosses,
     /// The square of the norm of its gradient.
     pub(super) squared_norm: f64,
+    /// Time it took since it was made.
+    pub(super) busy: Duration,
 }
 
 /// What the critics say of an epoch: means over steps, episodes and agents.
@@ -76,6 +79,7 @@ impl Critic {
             d: Buffer::default(),
             losses: CriticLosses::default(),
             squared_norm: 0.0,
+            busy: Duration::ZERO,
         }
     }
 

@@ -31,4 +31,4 @@ pub use parameters::Parameters;
 pub use predictor::{Predictor, PredictorLosses};
 pub use settings::{CriticInput, Estimator, Objective, PredictorSettings, Settings};
 pub use state::Counters;
-pub use team::{Losses, Team};
+pub use team::{Busy, Losses, Team};

@@ -1,5 +1,7 @@
 //! The predictor's part of an update: Gaussian likelihood of the next joint observation, weighted.
 
+use std::time::Duration;
+
 use super::batch::Trajectories;
 use super::memory::{Buffer, Flat};
 use super::network::Lstm;
@@ -23,6 +25,8 @@ pub struct Predictor {
     d: Buffer,
     /// The clipped gradient of the step before, if it is carried on.
     pub(super) carried: Option<Flat>,
+    /// Time it took since it was made.
+    pub(super) busy: Duration,
 }
 
 /// What a predictor says of an update: means over its steps.
@@ -56,6 +60,7 @@ impl Predictor {
             network: Lstm::default(),
             weights: Buffer::default(),
             d: Buffer::default(),
+            busy: Duration::ZERO,
         }
     }
 

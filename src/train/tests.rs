@@ -9,6 +9,7 @@ use crate::nn::{ActorKind, Dims, Meta, Networks, Policy, PredictorSpec, Scratch,
 use crate::rng::{Draws, Purpose};
 use std::collections::HashMap;
 use std::ops::Range;
+use std::time::{Duration, Instant};
 
 const N: usize = 3;
 const OBSERVATION: usize = 4;
@@ -484,6 +485,33 @@ fn a_state_that_does_not_fit_is_refused_and_changes_nothing() {
     others = counters;
     others.adam.insert("critics.shared".to_owned(), 1);
     assert!(refused(&state, &others).contains("critics.shared"));
+}
+
+#[test]
+fn every_network_is_timed() {
+    let mut team = team(settings(ActorKind::Gru, Sharing::Separate), 2);
+    assert_eq!(team.busy(), Busy::default());
+    let began = Instant::now();
+    team.update(&batch(1), &[batch(2).trajectories()]);
+    let (busy, passed) = (team.busy(), began.elapsed());
+    for part in [busy.actors, busy.critics, busy.predictors] {
+        assert!(part > Duration::ZERO && part <= 2 * passed);
+    }
+}
+
+#[test]
+fn operations_counted_by_hand() {
+    let settings = Settings { predictor_updates: 2, epochs: 3, ..settings(ActorKind::Gru, Sharing::Shared) };
+    let team = team(settings, 1);
+    // Ids behind 8 joint and 3 x 4 observed values; the first layer's input has no derivative.
+    let (first, cell, out) = (11 * 12, 2 * 12 * 36, 12 * 5);
+    let actor = 2 * (2 * first + 3 * (cell + out)) * 3 * (4 * 6 * N);
+    let (first, rest) = (15 * 12, 12 * 12 + 12);
+    let critic = 2 * (2 * first + 3 * rest) * 3 * (4 * 6 * N) + 2 * (first + rest) * (4 * 7 * N);
+    let (first, cell, out) = (8 * 5, 2 * 5 * 20, 5 * 12);
+    let predictor = |episodes: usize| 2 * (2 * first + 3 * (cell + out)) * 2 * (episodes * 5);
+    let expected = actor + critic + predictor(4) + predictor(7);
+    assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
 }
 
 #[test]
