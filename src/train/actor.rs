@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::batch::{Batch, gather};
 use super::memory::Buffer;
-use super::network::ActorNetwork;
+use super::network::Network;
 use super::parameters::Parameters;
 use super::settings::Settings;
 use crate::nn::Dims;
@@ -17,7 +17,7 @@ pub struct Actor {
     pub parameters: Parameters,
     pub(super) agents: Range<usize>,
     ids: usize,
-    network: ActorNetwork,
+    network: Network,
     x: Buffer,
     /// Logarithms of the probabilities of what was done, before this update, `[T, E, its agents]`.
     old: Buffer,
@@ -54,11 +54,12 @@ impl Actor {
     /// An untrained actor of `agents`.
     pub(super) fn new(settings: &Settings, dims: &Dims, agents: Range<usize>, seed: u64) -> Actor {
         let networks = &settings.networks;
+        let specs = networks.actor_tensors(agents.start, dims);
         Actor {
-            parameters: Parameters::untrained(networks.actor_tensors(agents.start, dims), seed),
+            network: Network::new(settings.backend, networks.actor.into(), &specs),
+            parameters: Parameters::untrained(specs, seed),
             agents,
             ids: networks.sharing.id_len(dims),
-            network: ActorNetwork::new(networks.actor),
             x: Buffer::default(),
             old: Buffer::default(),
             d: Buffer::default(),

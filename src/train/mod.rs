@@ -29,6 +29,6 @@ pub use batch::{Batch, Trajectories};
 pub use critic::{Critic, CriticLosses};
 pub use parameters::Parameters;
 pub use predictor::{Predictor, PredictorLosses};
-pub use settings::{CriticInput, Estimator, Objective, PredictorSettings, Settings};
+pub use settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
 pub use state::Counters;
 pub use team::{Busy, Losses, Team};

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use super::batch::Trajectories;
 use super::memory::{Buffer, Flat};
-use super::network::Lstm;
+use super::network::{Kind, Network};
 use super::parameters::{Parameters, clip_scale};
-use super::settings::{Objective, PredictorSettings, Settings};
+use super::settings::{Backend, Objective, PredictorSettings, Settings};
 use crate::nn::{Dims, PredictorSpec};
 
 /// A predictor in training.
@@ -19,7 +19,7 @@ pub struct Predictor {
     predicted: usize,
     /// Dims that are never predicted, and so no part of the likelihood.
     held: Vec<usize>,
-    network: Lstm,
+    network: Network,
     /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
     weights: Buffer,
     d: Buffer,
@@ -47,17 +47,18 @@ impl Predictor {
         spec: &PredictorSpec,
         settings: &PredictorSettings,
         dims: &Dims,
+        backend: Backend,
         seed: u64,
     ) -> Predictor {
         let specs = spec.tensors(dims);
         Predictor {
             carried: settings.carry_gradients.then(|| Flat::zeros(&specs)),
+            network: Network::new(backend, Kind::Lstm, &specs),
             parameters: Parameters::untrained(specs, seed),
             settings: settings.clone(),
             n_agents: dims.n_agents,
             predicted: dims.predicted,
             held: spec.held.clone(),
-            network: Lstm::default(),
             weights: Buffer::default(),
             d: Buffer::default(),
             busy: Duration::ZERO,

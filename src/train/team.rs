@@ -97,7 +97,9 @@ impl Team {
         Team {
             actors: actors.map(|agents| Actor::new(&settings, dims, agents, seed)).collect(),
             critics: critics.map(|agents| Critic::new(&settings, dims, observation, agents, seed)).collect(),
-            predictors: predictors.map(|(spec, how)| Predictor::new(spec, how, dims, seed)).collect(),
+            predictors: predictors
+                .map(|(spec, how)| Predictor::new(spec, how, dims, settings.backend, seed))
+                .collect(),
             joint: dims.joint,
             available: available.to_vec(),
             threads,

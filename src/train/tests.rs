@@ -2,7 +2,7 @@
 
 use super::batch::gather;
 use super::memory::{Buffer, Flat};
-use super::network::ActorNetwork;
+use super::network::Network;
 use super::returns::{returns, standardise};
 use super::*;
 use crate::nn::{ActorKind, Dims, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
@@ -102,7 +102,7 @@ fn learner_and_agents_compute_the_same_bits() {
             let weights = &team.actors[agent.min(team.actors.len() - 1)].parameters.values;
             let mut x = Buffer::default();
             gather(&batch.joint, 1, dims().joint, &(agent..agent + 1), sharing.id_len(&dims()), &mut x);
-            let mut network = ActorNetwork::new(kind);
+            let mut network = Network::new(Backend::Native, kind.into(), &[]);
             let learned = network.forward(weights, batch.steps + 1, batch.episodes, &x);
 
             let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
@@ -185,7 +185,7 @@ fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool
     let spec = PredictorSpec { hidden: 5, held, ..PredictorSpec::paper("p") };
     let settings =
         PredictorSettings { objective, learning_rate: 0.0, largest_gradient: 0.1, carry_gradients };
-    Predictor::new(&spec, &settings, &dims(), 2)
+    Predictor::new(&spec, &settings, &dims(), Backend::Native, 2)
 }
 
 #[test]
@@ -512,6 +512,29 @@ fn operations_counted_by_hand() {
     let predictor = |episodes: usize| 2 * (2 * first + 3 * (cell + out)) * 2 * (episodes * 5);
     let expected = actor + critic + predictor(4) + predictor(7);
     assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
+}
+
+#[test]
+fn candle_comes_to_the_same_weights() {
+    for (kind, sharing) in kinds() {
+        let learn = |backend| {
+            let mut team = team(Settings { backend, ..settings(kind, sharing) }, 2);
+            let start = saved(&team);
+            for seed in 0..3 {
+                team.update(&batch(seed), &[batch(seed + 100).trajectories()]);
+            }
+            (start, saved(&team))
+        };
+        let ((start, native), (_, candle)) = (learn(Backend::Native), learn(Backend::Candle));
+        let distance =
+            |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt();
+        for (name, found) in &native {
+            let (error, change) = (distance(found, &candle[name]), distance(found, &start[name]));
+            assert!(error <= 1e-3 * change, "{kind}, {sharing}, {name}: {error} of {change}");
+            assert!(change > 0.0 || name.starts_with("target"), "{name} moves");
+        }
+        assert_ne!(native, candle, "rounding tells them apart");
+    }
 }
 
 #[test]
