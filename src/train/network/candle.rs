@@ -1,6 +1,7 @@
 //! The same networks in candle, which derives their gradients itself.
 
 use candle_core::{D, Device, Result, Tensor, Var};
+use candle_nn::ops::sigmoid;
 
 use super::Kind;
 use crate::nn::TensorSpec;
@@ -127,11 +128,6 @@ fn lstm(inputs: &[Var], weight: &Tensor, bias: &Tensor) -> Result<Vec<Tensor>> {
 
 fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
     x.matmul(weight)?.broadcast_add(bias)
-}
-
-/// `1 / (1 + exp(-x))`.
-fn sigmoid(x: &Tensor) -> Result<Tensor> {
-    (x * 0.5)?.tanh()?.affine(0.5, 0.5)
 }
 
 fn values(tensor: &Tensor) -> Result<Vec<f32>> {
