@@ -1,10 +1,11 @@
 //! The actor's part of an update: PPO's clipped surrogate and entropy.
 
 use std::ops::{AddAssign, Range};
+use std::time::Duration;
 
 use super::batch::{Batch, gather};
 use super::memory::Buffer;
-use super::network::ActorNetwork;
+use super::network::Network;
 use super::parameters::Parameters;
 use super::settings::Settings;
 use crate::nn::Dims;
@@ -16,7 +17,7 @@ pub struct Actor {
     pub parameters: Parameters,
     pub(super) agents: Range<usize>,
     ids: usize,
-    network: ActorNetwork,
+    network: Network,
     x: Buffer,
     /// Logarithms of the probabilities of what was done, before this update, `[T, E, its agents]`.
     old: Buffer,
@@ -25,6 +26,8 @@ pub struct Actor {
     pub(super) losses: ActorLosses,
     /// The square of the norm of its gradient.
     pub(super) squared_norm: f64,
+    /// Time it took since it was made.
+    pub(super) busy: Duration,
 }
 
 /// What the actors say of an epoch: means over steps, episodes and agents.
@@ -51,16 +54,18 @@ impl Actor {
     /// An untrained actor of `agents`.
     pub(super) fn new(settings: &Settings, dims: &Dims, agents: Range<usize>, seed: u64) -> Actor {
         let networks = &settings.networks;
+        let specs = networks.actor_tensors(agents.start, dims);
         Actor {
-            parameters: Parameters::untrained(networks.actor_tensors(agents.start, dims), seed),
+            network: Network::new(settings.backend, networks.actor.into(), &specs),
+            parameters: Parameters::untrained(specs, seed),
             agents,
             ids: networks.sharing.id_len(dims),
-            network: ActorNetwork::new(networks.actor),
             x: Buffer::default(),
             old: Buffer::default(),
             d: Buffer::default(),
             losses: ActorLosses::default(),
             squared_norm: 0.0,
+            busy: Duration::ZERO,
         }
     }
 

@@ -1,10 +1,11 @@
 //! The critic: what the rest of an episode is worth.
 
 use std::ops::{AddAssign, Range};
+use std::time::Duration;
 
 use super::batch::{Batch, gather};
 use super::memory::{Buffer, Flat};
-use super::network::Mlp;
+use super::network::{Kind, Network};
 use super::parameters::Parameters;
 use super::returns::returns;
 use super::settings::{CriticInput, Settings};
@@ -19,7 +20,7 @@ pub struct Critic {
     /// The weights that returns are estimated with.
     pub target: Flat,
     ids: usize,
-    network: Mlp,
+    network: Network,
     x: Buffer,
     returns: Buffer,
     /// Return minus value, `[T, E, its agents]`.
@@ -29,6 +30,8 @@ pub struct Critic {
     pub(super) losses: CriticLosses,
     /// The square of the norm of its gradient.
     pub(super) squared_norm: f64,
+    /// Time it took since it was made.
+    pub(super) busy: Duration,
 }
 
 /// What the critics say of an epoch: means over steps, episodes and agents.
@@ -63,19 +66,21 @@ impl Critic {
         };
         let specs =
             critic_tensors(settings.critic_sharing, agents.start, inputs + ids, settings.networks.hidden);
+        let network = Network::new(settings.backend, Kind::Mlp, &specs);
         let parameters = Parameters::untrained(specs, seed);
         Critic {
             target: parameters.values.clone(),
             parameters,
             agents,
             ids,
-            network: Mlp::default(),
+            network,
             x: Buffer::default(),
             returns: Buffer::default(),
             advantages: Buffer::default(),
             d: Buffer::default(),
             losses: CriticLosses::default(),
             squared_norm: 0.0,
+            busy: Duration::ZERO,
         }
     }
 
@@ -89,7 +94,7 @@ impl Critic {
         let width = inputs.len() / ((batch.steps + 1) * batch.episodes * sources);
         gather(inputs, sources, width, &self.agents, self.ids, &mut self.x);
         let rows = batch.episodes * self.agents.len();
-        let values = self.network.forward(&self.target, (batch.steps + 1) * rows, &self.x);
+        let values = self.network.forward(&self.target, batch.steps + 1, rows, &self.x);
         let to = self.returns.resize(batch.steps * rows);
         returns(settings.estimator, settings.gamma, rewards, values, self.agents.len(), to);
     }
@@ -101,7 +106,7 @@ impl Critic {
         // The inputs after the last action are for the target alone.
         let inputs = self.parameters.specs[0].shape[0];
         let x = &self.x[..rows * inputs];
-        let values = self.network.forward(&self.parameters.values, rows, x);
+        let values = self.network.forward(&self.parameters.values, 1, rows, x);
         let (advantages, d) = (self.advantages.resize(rows), self.d.resize(rows));
         let (mut losses, share) = (CriticLosses::default(), 1.0 / entries as f64);
         for (at, (advantage, d)) in advantages.iter_mut().zip(d.iter_mut()).enumerate() {
@@ -116,7 +121,7 @@ impl Critic {
         }
         self.losses = losses;
         let Parameters { values, gradient, .. } = &mut self.parameters;
-        self.network.backward(values, rows, x, &self.d, gradient);
+        self.network.backward(values, 1, rows, x, &self.d, gradient);
         self.squared_norm = self.parameters.squared_norm();
     }
 

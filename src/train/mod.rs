@@ -31,6 +31,6 @@ pub use critic::{Critic, CriticLosses};
 pub use parameters::Parameters;
 pub use predictor::{Predictor, PredictorLosses};
 pub use rollout::Rollout;
-pub use settings::{CriticInput, Estimator, Objective, PredictorSettings, Settings};
+pub use settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
 pub use state::Counters;
-pub use team::{Losses, Team};
+pub use team::{Busy, Losses, Team};

@@ -39,6 +39,19 @@ impl Parameters {
         self.specs.iter().enumerate().map(|(at, spec)| (spec, self.values.tensor(at)))
     }
 
+    /// Floating-point operations of the products with all weights for one row (of one step) forward and
+    /// backward: a multiply-add is two, and each is needed for the output, for the weight's gradient and, but in
+    /// the first layer, for the derivative by the input.
+    pub(super) fn flop_both_ways(&self) -> f64 {
+        3.0 * self.flop_forward() - 2.0 * self.specs[0].n_values() as f64
+    }
+
+    /// Those of the output alone.
+    pub(super) fn flop_forward(&self) -> f64 {
+        let weights = self.specs.iter().filter(|spec| spec.shape.len() == 2);
+        weights.map(|spec| 2.0 * spec.n_values() as f64).sum()
+    }
+
     /// What the network is called, such as `actors.0`: what the names of its tensors begin with.
     pub(super) fn name(&self) -> &str {
         self.specs[0].name.rsplitn(3, '.').last().expect("a name has a part")

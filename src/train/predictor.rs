@@ -1,10 +1,12 @@
 //! The predictor's part of an update: Gaussian likelihood of the next joint observation, weighted.
 
+use std::time::Duration;
+
 use super::batch::Trajectories;
 use super::memory::{Buffer, Flat};
-use super::network::Lstm;
+use super::network::{Kind, Network};
 use super::parameters::{Parameters, clip_scale};
-use super::settings::{Objective, PredictorSettings, Settings};
+use super::settings::{Backend, Objective, PredictorSettings, Settings};
 use crate::nn::{Dims, PredictorSpec};
 
 /// A predictor in training.
@@ -17,12 +19,26 @@ pub struct Predictor {
     predicted: usize,
     /// Dims that are never predicted, and so no part of the likelihood.
     held: Vec<usize>,
-    network: Lstm,
+    network: Network,
     /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
     weights: Buffer,
     d: Buffer,
     /// The clipped gradient of the step before, if it is carried on.
     pub(super) carried: Option<Flat>,
+    /// Time it took since it was made.
+    pub(super) busy: Duration,
+}
+
+/// What a predictor says of an update: means over its steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PredictorLosses {
+    /// What is minimised: the negative log-likelihood of an agent's own part, summed over its dims, in the mean
+    /// over time, trajectories and agents by what each counts for.
+    pub loss: f64,
+    /// The same where everything counts alike.
+    pub nll: f64,
+    /// The norm of the gradient, with what was carried on, before it is clipped.
+    pub gradient: f64,
 }
 
 /// What a predictor says of an update: means over its steps.
@@ -43,19 +59,21 @@ impl Predictor {
         spec: &PredictorSpec,
         settings: &PredictorSettings,
         dims: &Dims,
+        backend: Backend,
         seed: u64,
     ) -> Predictor {
         let specs = spec.tensors(dims);
         Predictor {
             carried: settings.carry_gradients.then(|| Flat::zeros(&specs)),
+            network: Network::new(backend, Kind::Lstm, &specs),
             parameters: Parameters::untrained(specs, seed),
             settings: settings.clone(),
             n_agents: dims.n_agents,
             predicted: dims.predicted,
             held: spec.held.clone(),
-            network: Lstm::default(),
             weights: Buffer::default(),
             d: Buffer::default(),
+            busy: Duration::ZERO,
         }
     }
 

@@ -33,6 +33,27 @@ pub struct Settings {
     pub standardise_rewards: bool,
     /// Target critics become the critics every so many updates.
     pub target_interval: u64,
+    /// What differentiates the networks.
+    pub backend: Backend,
+}
+
+/// What computes the outputs of networks in training and the gradients of their weights. Everything else is the
+/// same, weights and moments of Adam included: a team may change it from one checkpoint to the next.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Backend {
+    /// Backward passes written by hand, on the kernels that agents run. The same to the last bit on any number
+    /// of threads.
+    #[default]
+    Native,
+    /// candle's autograd: slower, and what the other is measured against and checked with.
+    ///
+    /// candle divides large products and vectors over threads of its own, whatever the number of threads here.
+    /// It can be told not to from outside alone: by `RAYON_NUM_THREADS=1` in the environment, which is right
+    /// whenever more than one network learns at a time.
+    Candle,
 }
 
 /// What a critic sees of a step, before the id of a shared one.
@@ -111,6 +132,7 @@ impl Settings {
             largest_gradient: 10.0,
             standardise_rewards: true,
             target_interval: 200,
+            backend: Backend::Native,
         }
     }
 }

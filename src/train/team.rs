@@ -1,5 +1,7 @@
 //! A team in training, and one update of it.
 
+use std::time::{Duration, Instant};
+
 use super::actor::{Actor, ActorLosses};
 use super::batch::{Batch, Trajectories};
 use super::critic::{Critic, CriticLosses};
@@ -7,7 +9,7 @@ use super::memory::Buffer;
 use super::parameters::clip_scale;
 use super::predictor::{Predictor, PredictorLosses};
 use super::returns::standardise;
-use super::settings::Settings;
+use super::settings::{Objective, Settings};
 use super::threads::side_by_side;
 use crate::nn::{Dims, Sharing};
 
@@ -47,6 +49,17 @@ pub struct Losses {
     pub predictors: Vec<Option<PredictorLosses>>,
 }
 
+/// Time that networks took, summed over threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Busy {
+    /// The actors.
+    pub actors: Duration,
+    /// The critics.
+    pub critics: Duration,
+    /// The predictors.
+    pub predictors: Duration,
+}
+
 /// A network's turn in a round; actors and critics know which epoch they are in.
 enum Turn<'a> {
     Actor(&'a mut Actor, usize),
@@ -84,7 +97,9 @@ impl Team {
         Team {
             actors: actors.map(|agents| Actor::new(&settings, dims, agents, seed)).collect(),
             critics: critics.map(|agents| Critic::new(&settings, dims, observation, agents, seed)).collect(),
-            predictors: predictors.map(|(spec, how)| Predictor::new(spec, how, dims, seed)).collect(),
+            predictors: predictors
+                .map(|(spec, how)| Predictor::new(spec, how, dims, settings.backend, seed))
+                .collect(),
             joint: dims.joint,
             available: available.to_vec(),
             threads,
@@ -129,6 +144,45 @@ impl Team {
         &self.advantages
     }
 
+    /// The time that the networks have taken since the team was made.
+    pub fn busy(&self) -> Busy {
+        Busy {
+            actors: self.actors.iter().map(|actor| actor.busy).sum(),
+            critics: self.critics.iter().map(|critic| critic.busy).sum(),
+            predictors: self.predictors.iter().map(|predictor| predictor.busy).sum(),
+        }
+    }
+
+    /// Floating-point operations of all matrix products that the method needs for one update on `episodes` of
+    /// `steps`, with predictors that replay `replayed` episodes a step; a multiply-add is two.
+    ///
+    /// Every epoch takes every actor and critic forward and backward once over all steps, and so does a
+    /// predictor in each of its steps, over all steps but the last; target critics go forward once, and over
+    /// the observation after the last action too. Backward is a product for the gradient of a weight and, but
+    /// in the first layer, one for the derivative by its input; every time step counts alike. Everything
+    /// between the products is left out.
+    pub fn flop_per_update(&self, episodes: usize, steps: usize, replayed: usize) -> f64 {
+        let rows = |episodes: usize, steps: usize| (episodes * steps) as f64;
+        let epochs = self.settings.epochs as f64;
+        let actors = self.actors.iter().map(|actor| {
+            actor.parameters.flop_both_ways() * epochs * rows(episodes, steps) * actor.agents.len() as f64
+        });
+        let critics = self.critics.iter().map(|critic| {
+            let epochs = critic.parameters.flop_both_ways() * epochs * rows(episodes, steps);
+            let target = critic.parameters.flop_forward() * rows(episodes, steps + 1);
+            (epochs + target) * critic.agents.len() as f64
+        });
+        let predictors = self.predictors.iter().map(|predictor| {
+            let episodes = match predictor.settings.objective {
+                Objective::Maro => replayed,
+                Objective::ValueAware { .. } => episodes,
+            };
+            let steps = rows(episodes, steps - 1) * self.settings.predictor_updates as f64;
+            predictor.parameters.flop_both_ways() * steps
+        });
+        actors.sum::<f64>() + critics.sum::<f64>() + predictors.sum::<f64>()
+    }
+
     /// One round: the turns of all networks, side by side.
     fn take_turns(&mut self, round: usize, batch: &Batch, replays: &[Trajectories]) {
         let Settings { epochs, learning_rate, largest_gradient, .. } = self.settings;
@@ -146,28 +200,35 @@ impl Team {
             .map(|(predictor, loss)| Turn::Predictor(predictor, loss))
             .chain(actors.map(|actor| Turn::Actor(actor, round - 1)))
             .chain(critics.map(|critic| Turn::Critic(critic, round)));
-        side_by_side(self.threads, turns, |turn| match turn {
-            Turn::Critic(critic, epoch) => {
-                match epoch {
-                    0 => critic.begin(settings, available.len(), batch, rewards),
-                    _ => critic.parameters.step(learning_rate, critic_scale),
+        side_by_side(self.threads, turns, |turn| {
+            let began = Instant::now();
+            let busy = match turn {
+                Turn::Critic(critic, epoch) => {
+                    match epoch {
+                        0 => critic.begin(settings, available.len(), batch, rewards),
+                        _ => critic.parameters.step(learning_rate, critic_scale),
+                    }
+                    if epoch < epochs {
+                        critic.differentiate(batch.actions.len());
+                    }
+                    &mut critic.busy
                 }
-                if epoch < epochs {
-                    critic.differentiate(batch.actions.len());
+                Turn::Actor(actor, epoch) => {
+                    match epoch {
+                        0 => actor.begin(available.len(), batch),
+                        _ => actor.parameters.step(learning_rate, actor_scale),
+                    }
+                    if epoch < epochs {
+                        actor.differentiate(settings, batch, available, advantages, epoch == 0);
+                    }
+                    &mut actor.busy
                 }
-            }
-            Turn::Actor(actor, epoch) => {
-                match epoch {
-                    0 => actor.begin(available.len(), batch),
-                    _ => actor.parameters.step(learning_rate, actor_scale),
+                Turn::Predictor(predictor, loss) => {
+                    *loss = predictor.learn(settings, batch.trajectories(), advantages, replays);
+                    &mut predictor.busy
                 }
-                if epoch < epochs {
-                    actor.differentiate(settings, batch, available, advantages, epoch == 0);
-                }
-            }
-            Turn::Predictor(predictor, loss) => {
-                *loss = predictor.learn(settings, batch.trajectories(), advantages, replays);
-            }
+            };
+            *busy += began.elapsed();
         });
     }
 

@@ -2,13 +2,14 @@
 
 use super::batch::gather;
 use super::memory::{Buffer, Flat};
-use super::network::ActorNetwork;
+use super::network::Network;
 use super::returns::{returns, standardise};
 use super::*;
 use crate::nn::{ActorKind, Dims, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
 use crate::rng::{Draws, Purpose};
 use std::collections::HashMap;
 use std::ops::Range;
+use std::time::{Duration, Instant};
 
 const N: usize = 3;
 const OBSERVATION: usize = 4;
@@ -101,7 +102,7 @@ fn learner_and_agents_compute_the_same_bits() {
             let weights = &team.actors[agent.min(team.actors.len() - 1)].parameters.values;
             let mut x = Buffer::default();
             gather(&batch.joint, 1, dims().joint, &(agent..agent + 1), sharing.id_len(&dims()), &mut x);
-            let mut network = ActorNetwork::new(kind);
+            let mut network = Network::new(Backend::Native, kind.into(), &[]);
             let learned = network.forward(weights, batch.steps + 1, batch.episodes, &x);
 
             let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
@@ -184,7 +185,7 @@ fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool
     let spec = PredictorSpec { hidden: 5, held, ..PredictorSpec::paper("p") };
     let settings =
         PredictorSettings { objective, learning_rate: 0.0, largest_gradient: 0.1, carry_gradients };
-    Predictor::new(&spec, &settings, &dims(), 2)
+    Predictor::new(&spec, &settings, &dims(), Backend::Native, 2)
 }
 
 #[test]
@@ -484,6 +485,56 @@ fn a_state_that_does_not_fit_is_refused_and_changes_nothing() {
     others = counters;
     others.adam.insert("critics.shared".to_owned(), 1);
     assert!(refused(&state, &others).contains("critics.shared"));
+}
+
+#[test]
+fn every_network_is_timed() {
+    let mut team = team(settings(ActorKind::Gru, Sharing::Separate), 2);
+    assert_eq!(team.busy(), Busy::default());
+    let began = Instant::now();
+    team.update(&batch(1), &[batch(2).trajectories()]);
+    let (busy, passed) = (team.busy(), began.elapsed());
+    for part in [busy.actors, busy.critics, busy.predictors] {
+        assert!(part > Duration::ZERO && part <= 2 * passed);
+    }
+}
+
+#[test]
+fn operations_counted_by_hand() {
+    let settings = Settings { predictor_updates: 2, epochs: 3, ..settings(ActorKind::Gru, Sharing::Shared) };
+    let team = team(settings, 1);
+    // Ids behind 8 joint and 3 x 4 observed values; the first layer's input has no derivative.
+    let (first, cell, out) = (11 * 12, 2 * 12 * 36, 12 * 5);
+    let actor = 2 * (2 * first + 3 * (cell + out)) * 3 * (4 * 6 * N);
+    let (first, rest) = (15 * 12, 12 * 12 + 12);
+    let critic = 2 * (2 * first + 3 * rest) * 3 * (4 * 6 * N) + 2 * (first + rest) * (4 * 7 * N);
+    let (first, cell, out) = (8 * 5, 2 * 5 * 20, 5 * 12);
+    let predictor = |episodes: usize| 2 * (2 * first + 3 * (cell + out)) * 2 * (episodes * 5);
+    let expected = actor + critic + predictor(4) + predictor(7);
+    assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
+}
+
+#[test]
+fn candle_comes_to_the_same_weights() {
+    for (kind, sharing) in kinds() {
+        let learn = |backend| {
+            let mut team = team(Settings { backend, ..settings(kind, sharing) }, 2);
+            let start = saved(&team);
+            for seed in 0..3 {
+                team.update(&batch(seed), &[batch(seed + 100).trajectories()]);
+            }
+            (start, saved(&team))
+        };
+        let ((start, native), (_, candle)) = (learn(Backend::Native), learn(Backend::Candle));
+        let distance =
+            |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt();
+        for (name, found) in &native {
+            let (error, change) = (distance(found, &candle[name]), distance(found, &start[name]));
+            assert!(error <= 1e-3 * change, "{kind}, {sharing}, {name}: {error} of {change}");
+            assert!(change > 0.0 || name.starts_with("target"), "{name} moves");
+        }
+        assert_ne!(native, candle, "rounding tells them apart");
+    }
 }
 
 #[test]

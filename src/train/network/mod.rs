@@ -4,47 +4,78 @@
 //! earlier step is one product over all steps. Sizes follow from the weights; what lies between the layers
 //! stays here from the forward pass to the backward pass, which may be called once after it.
 
+mod candle;
 mod gru;
 mod lstm;
 mod mlp;
 #[cfg(test)]
 mod tests;
 
+pub use candle::Candle;
 pub use gru::Gru;
 pub use lstm::Lstm;
 pub use mlp::Mlp;
 
 use super::memory::{Buffer, Flat};
-use crate::nn::ActorKind;
+use super::settings::Backend;
 use crate::nn::kernels::{self, Start};
+use crate::nn::{ActorKind, TensorSpec};
 
-/// The network of an actor.
+/// A network in training.
 #[derive(Clone, Debug)]
-pub enum ActorNetwork {
-    /// Without memory.
+pub enum Network {
+    /// Without memory: a critic, or an actor.
     Mlp(Mlp),
-    /// With memory.
+    /// An actor with memory.
     Gru(Gru),
+    /// A predictor.
+    Lstm(Lstm),
+    /// Any of them, in candle.
+    Candle(Candle),
 }
 
-impl ActorNetwork {
-    /// A network of this kind.
-    pub fn new(kind: ActorKind) -> ActorNetwork {
+/// What lies between the first and the last layer of a network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A linear layer and a ReLU.
+    Mlp,
+    /// A GRU cell.
+    Gru,
+    /// An LSTM.
+    Lstm,
+}
+
+impl From<ActorKind> for Kind {
+    fn from(kind: ActorKind) -> Kind {
         match kind {
-            ActorKind::Mlp => ActorNetwork::Mlp(Mlp::default()),
-            ActorKind::Gru => ActorNetwork::Gru(Gru::default()),
+            ActorKind::Mlp => Kind::Mlp,
+            ActorKind::Gru => Kind::Gru,
+        }
+    }
+}
+
+impl Network {
+    /// A network of this kind with these tensors.
+    pub fn new(backend: Backend, kind: Kind, specs: &[TensorSpec]) -> Network {
+        match (backend, kind) {
+            (Backend::Native, Kind::Mlp) => Network::Mlp(Mlp::default()),
+            (Backend::Native, Kind::Gru) => Network::Gru(Gru::default()),
+            (Backend::Native, Kind::Lstm) => Network::Lstm(Lstm::default()),
+            (Backend::Candle, _) => Network::Candle(Candle::new(kind, specs)),
         }
     }
 
-    /// The logits `[steps, rows, actions]` of the inputs `x` `[steps, rows, inputs]`.
+    /// The outputs `[steps, rows, outputs]` of the inputs `x` `[steps, rows, inputs]`.
     pub fn forward(&mut self, weights: &Flat, steps: usize, rows: usize, x: &[f32]) -> &[f32] {
         match self {
-            ActorNetwork::Mlp(mlp) => mlp.forward(weights, steps * rows, x),
-            ActorNetwork::Gru(gru) => gru.forward(weights, steps, rows, x),
+            Network::Mlp(mlp) => mlp.forward(weights, steps * rows, x),
+            Network::Gru(gru) => gru.forward(weights, steps, rows, x),
+            Network::Lstm(lstm) => lstm.forward(weights, steps, rows, x),
+            Network::Candle(candle) => candle.forward(weights, steps, rows, x),
         }
     }
 
-    /// `gradient` becomes that of a loss whose derivative by the logits of the last forward pass is `d`.
+    /// `gradient` becomes that of a loss whose derivative by the outputs of the last forward pass is `d`.
     pub fn backward(
         &mut self,
         weights: &Flat,
@@ -55,8 +86,10 @@ impl ActorNetwork {
         gradient: &mut Flat,
     ) {
         match self {
-            ActorNetwork::Mlp(mlp) => mlp.backward(weights, steps * rows, x, d, gradient),
-            ActorNetwork::Gru(gru) => gru.backward(weights, steps, rows, x, d, gradient),
+            Network::Mlp(mlp) => mlp.backward(weights, steps * rows, x, d, gradient),
+            Network::Gru(gru) => gru.backward(weights, steps, rows, x, d, gradient),
+            Network::Lstm(lstm) => lstm.backward(weights, steps, rows, x, d, gradient),
+            Network::Candle(candle) => candle.backward(d, gradient),
         }
     }
 }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use crate::error::{Error, Result};
 use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, key};
-use crate::train::{Batch, CriticInput, Estimator, Objective, PredictorSettings, Settings};
+use crate::train::{Backend, Batch, CriticInput, Estimator, Objective, PredictorSettings, Settings};
 use crate::world::Task;
 
 /// `config.json`.
@@ -100,6 +100,7 @@ impl Config {
             largest_gradient: self.grad_norm_clip,
             standardise_rewards: self.standardise_rewards,
             target_interval: self.target_update_interval,
+            backend: Backend::Native,
         }
     }
 }

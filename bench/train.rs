@@ -1,0 +1,92 @@
+//! One update and its pieces, at the sizes of the paper, with both backends: `cargo bench --bench train`.
+//!
+//! candle keeps to one thread, as a network in training should, with `RAYON_NUM_THREADS=1` in the environment.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+
+use vamaro_swarm::agents::dims;
+use vamaro_swarm::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, critic_tensors};
+use vamaro_swarm::train::network::{Kind, Network};
+use vamaro_swarm::train::{Backend, Batch, Parameters, Settings, Team};
+use vamaro_swarm::world::{EPISODE_STEPS, Task};
+
+const BACKENDS: [Backend; 2] = [Backend::Native, Backend::Candle];
+
+/// Episodes of a batch.
+const EPISODES: usize = 10;
+
+/// The paper's settings: MLP actors for the first task, GRU actors for the second.
+const SETTINGS: [(ActorKind, &str); 2] = [(ActorKind::Mlp, "hear-see"), (ActorKind::Gru, "spread-xy-4")];
+
+/// Numbers in [-1, 1] without a pattern that matters.
+fn numbers(len: usize) -> Vec<f32> {
+    (0..len).map(|at| (at as f32 * 0.37).sin()).collect()
+}
+
+/// Forward and backward once: what an epoch asks of a network besides its step.
+fn pass(c: &mut Criterion, name: &str, kind: Kind, specs: Vec<TensorSpec>, steps: usize) {
+    let mut parameters = Parameters::untrained(specs, 1);
+    let x = numbers(steps * EPISODES * parameters.specs[0].shape[0]);
+    for backend in BACKENDS {
+        let mut network = Network::new(backend, kind, &parameters.specs);
+        let d = numbers(network.forward(&parameters.values, steps, EPISODES, &x).len());
+        let Parameters { values, gradient, .. } = &mut parameters;
+        c.bench_function(&format!("{name}, {backend:?}"), |bencher| {
+            bencher.iter(|| {
+                network.forward(values, steps, EPISODES, &x);
+                network.backward(values, steps, EPISODES, &x, &d, gradient);
+            })
+        });
+    }
+}
+
+fn pieces(c: &mut Criterion) {
+    for (kind, task) in SETTINGS {
+        let (task, networks) = (Task::parse(task).expect("a task"), Networks::paper(kind));
+        let (dims, id) = (dims(&task), task.id());
+        let actor = networks.actor_tensors(0, &dims);
+        pass(c, &format!("actor epoch, {kind}, {id}"), kind.into(), actor.clone(), EPISODE_STEPS);
+        let inputs = task.n_agents() * task.padded_obs_dim();
+        let critic = critic_tensors(Sharing::Separate, 0, inputs, networks.hidden);
+        pass(c, &format!("critic epoch, {id}"), Kind::Mlp, critic, EPISODE_STEPS);
+        let predictor = PredictorSpec::paper("maro").tensors(&dims);
+        pass(c, &format!("predictor step, {id}"), Kind::Lstm, predictor, EPISODE_STEPS - 1);
+
+        let mut parameters = Parameters::untrained(actor, 1);
+        parameters.gradient.each_mut().flatten().zip(numbers(1 << 20)).for_each(|(g, value)| *g = value);
+        c.bench_function(&format!("Adam, actor, {kind}, {id}"), |bencher| {
+            bencher.iter(|| parameters.step(1e-4, 1.0))
+        });
+    }
+}
+
+fn updates(c: &mut Criterion) {
+    for (kind, task) in SETTINGS {
+        let task = Task::parse(task).expect("a task");
+        let (n, rows) = (task.n_agents(), EPISODES * EPISODE_STEPS);
+        let batch = Batch {
+            episodes: EPISODES,
+            steps: EPISODE_STEPS,
+            observations: numbers((rows + EPISODES) * n * task.padded_obs_dim()),
+            joint: numbers((rows + EPISODES) * task.joint_dim()),
+            estimates: Vec::new(),
+            actions: (0..rows * n).map(|at| (at % 3) as u8).collect(),
+            rewards: numbers(rows),
+        };
+        let available: Vec<usize> = (0..n).map(|agent| task.available_actions(agent)).collect();
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let mut group = c.benchmark_group("update");
+        group.sample_size(20);
+        for backend in BACKENDS {
+            let settings = Settings { backend, ..Settings::paper(kind) };
+            let sizes = (dims(&task), task.padded_obs_dim());
+            let mut team = Team::untrained(settings, &sizes.0, sizes.1, &available, 1, threads);
+            group.bench_function(format!("{}, {threads} threads, {backend:?}", task.id()), |bencher| {
+                bencher.iter(|| team.update(&batch, &[]).critics.loss)
+            });
+        }
+    }
+}
+
+criterion_group!(benches, pieces, updates);
+criterion_main!(benches);
