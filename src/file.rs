@@ -44,6 +44,13 @@ impl AtomicFile {
         Ok(AtomicFile { writer: BufWriter::new(file), path: path.to_owned() })
     }
 
+    /// Writes a whole file at once.
+    pub fn write(path: &Path, content: &[u8]) -> Result<()> {
+        let mut file = AtomicFile::create(path)?;
+        file.write_all(content).map_err(|e| Error::io("write", path, e))?;
+        file.commit()
+    }
+
     /// Where the file will be.
     pub fn path(&self) -> &Path {
         &self.path

@@ -5,16 +5,18 @@ pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
+/// Unbiased standard deviation; `None` for fewer than two values.
+pub fn std(values: &[f64]) -> Option<f64> {
+    let mean = mean(values);
+    let squares = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+    (values.len() > 1).then(|| (squares / (values.len() - 1) as f64).sqrt())
+}
+
 /// Half the width of the 95 % confidence interval of the mean, by Student's t. `None` for fewer than
 /// two values.
 pub fn ci95(values: &[f64]) -> Option<f64> {
     let n = values.len();
-    if n < 2 {
-        return None;
-    }
-    let mean = mean(values);
-    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64;
-    Some(t975(n - 1) * (variance / n as f64).sqrt())
+    std(values).map(|std| t975(n - 1) * std / (n as f64).sqrt())
 }
 
 /// The 97.5 % quantile of Student's t distribution.
@@ -43,6 +45,7 @@ mod tests {
         // Mean 2.5, variance 5/3, standard error sqrt(5/12), t(3) = 3.182.
         let values = [1.0, 2.0, 3.0, 4.0];
         assert_eq!(mean(&values), 2.5);
+        assert_eq!(std(&values), Some((5.0f64 / 3.0).sqrt()));
         assert!((ci95(&values).unwrap() - 3.182 * (5.0f64 / 12.0).sqrt()).abs() < 1e-12);
         assert_eq!(ci95(&values[..1]), None);
     }

@@ -85,34 +85,43 @@ impl FileTensor {
 }
 
 /// The content of the file at `path`, not copied.
-pub(super) fn map(path: &Path) -> Result<Mmap> {
+pub(crate) fn map(path: &Path) -> Result<Mmap> {
     let about = std::fs::metadata(path).map_err(|error| Error::open(path, error))?;
     if !about.is_file() {
-        return Err(usage!("{} is not a file; expected a policy file", path.display()));
+        return Err(usage!("{} is not a file; expected a safetensors file", path.display()));
     }
     let file = File::open(path).map_err(|error| Error::io("open", path, error))?;
-    // SAFETY: the bytes must not change while they are mapped. Policy files are replaced by a rename and
-    // never written in place (`write` below), so that a mapping keeps the file it was made from. Somebody
+    // SAFETY: the bytes must not change while they are mapped. Our files are replaced by a rename and
+    // never written in place (`write_tensors` below), so that a mapping keeps the file it was made from. Somebody
     // who overwrites one in place all the same breaks this, as with any mapped file.
     unsafe { Mmap::map(&file) }.map_err(|error| Error::io("map", path, error))
 }
 
-/// Writes a policy file: beside `path` first, and then renamed, so that there is always a whole one.
-///
-/// Tensors that fill whole cache lines come first, and the header is padded to whole cache lines, so that
-/// those tensors start on one when the file is mapped.
+/// Writes a policy file. Tensors that fill whole cache lines come first, so that those start on one when the
+/// file is mapped.
 pub(super) fn write<'a>(
     path: &Path,
     meta: &Meta,
     networks: &Networks,
     tensors: impl Iterator<Item = (&'a str, &'a [usize], &'a [f32])>,
 ) -> Result<()> {
-    let (lines, others): (Vec<_>, Vec<_>) =
+    let (mut tensors, others): (Vec<_>, Vec<_>) =
         tensors.partition(|(_, _, values)| values.len() % Line::VALUES == 0);
+    tensors.extend(others);
+    write_tensors(path, &words(meta, networks), &tensors)
+}
+
+/// Writes a safetensors file of f32 tensors (name, shape, values) in this order: beside `path` first, and then
+/// renamed, so that there is always a whole one. The header is padded to whole cache lines.
+pub(crate) fn write_tensors(
+    path: &Path,
+    metadata: &BTreeMap<&str, String>,
+    tensors: &[(&str, &[usize], &[f32])],
+) -> Result<()> {
     let mut header = Map::new();
-    header.insert("__metadata__".to_string(), json!(words(meta, networks)));
+    header.insert("__metadata__".to_string(), json!(metadata));
     let mut offset = 0;
-    for (name, shape, values) in lines.iter().chain(&others) {
+    for (name, shape, values) in tensors {
         let end = offset + size_of_val(*values);
         header
             .insert(name.to_string(), json!({"dtype": "F32", "shape": shape, "data_offsets": [offset, end]}));
@@ -126,10 +135,7 @@ pub(super) fn write<'a>(
     let mut put = || -> std::io::Result<()> {
         file.write_all(&(length as u64).to_le_bytes())?;
         file.write_all(&header)?;
-        lines
-            .iter()
-            .chain(&others)
-            .try_for_each(|(_, _, values)| file.write_all(bytemuck::cast_slice(values)))
+        tensors.iter().try_for_each(|(_, _, values)| file.write_all(bytemuck::cast_slice(values)))
     };
     put().map_err(|error| Error::io("write", path, error))?;
     file.commit()

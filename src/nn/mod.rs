@@ -25,6 +25,7 @@ mod weights;
 
 pub use actor::Actor;
 pub use file::PolicyFile;
+pub(crate) use file::{map, write_tensors};
 pub use import::import;
 pub(crate) use import::key;
 pub use layers::Scratch;

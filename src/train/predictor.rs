@@ -41,18 +41,6 @@ pub struct PredictorLosses {
     pub gradient: f64,
 }
 
-/// What a predictor says of an update: means over its steps.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PredictorLosses {
-    /// What is minimised: the negative log-likelihood of an agent's own part, summed over its dims, in the mean
-    /// over time, trajectories and agents by what each counts for.
-    pub loss: f64,
-    /// The same where everything counts alike.
-    pub nll: f64,
-    /// The norm of the gradient, with what was carried on, before it is clipped.
-    pub gradient: f64,
-}
-
 impl Predictor {
     /// An untrained predictor.
     pub(super) fn new(
