@@ -22,4 +22,4 @@ pub use agent::{Agent, AgentSettings};
 pub use imputer::{Imputer, JointLayout};
 pub use inbox::{Inbox, Mailbox, Received};
 pub use member::{Member, Sensed, now_ns};
-pub use source::{BUILTIN, ImputerName, PREFERRED, PolicySource, dims};
+pub use source::{BUILTIN, ImputerName, PREFERRED, PolicySource, dims, paper_actor};

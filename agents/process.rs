@@ -36,7 +36,7 @@ pub struct ProcessSettings {
 
 /// Runs an agent until the supervisor sends it away.
 pub fn run(process: &ProcessSettings) -> Result<()> {
-    leave_with(process.supervisor)?;
+    leave_with(process.supervisor, Signal::KILL)?;
     // What `top` and `ps` show; not worth an error.
     let name = std::ffi::CString::new(format!("vs-agent-{}", process.agent)).expect("no NUL in it");
     let _ = rustix::thread::set_name(&name);
@@ -98,13 +98,13 @@ fn open(address: &SwarmAddress, layout: &crate::bus::Layout, agent: usize) -> Re
     }
 }
 
-/// Has the kernel end this process when its supervisor dies, however that happens.
-fn leave_with(supervisor: i32) -> Result<()> {
-    set_parent_process_death_signal(Some(Signal::KILL))
-        .map_err(|e| failed!("cannot tie the agent to its supervisor: {e}"))?;
+/// Has the kernel send this process a signal when the one that started it dies, however that happens.
+pub fn leave_with(parent: i32, signal: Signal) -> Result<()> {
+    set_parent_process_death_signal(Some(signal))
+        .map_err(|e| failed!("cannot tie this process to the one that started it: {e}"))?;
     // It may have died before the line above.
     match getppid().map(Pid::as_raw_nonzero) {
-        Some(parent) if parent.get() == supervisor => Ok(()),
-        _ => Err(failed!("an agent is started by its supervisor, and supervisor {supervisor} is gone")),
+        Some(now) if now.get() == parent => Ok(()),
+        _ => Err(failed!("process {parent}, which started this one, is gone")),
     }
 }

@@ -54,7 +54,7 @@ impl PolicySource {
                 Policy::from_static(&bytes.0, &dims(task))
             }
             PolicySource::Untrained(seed) => {
-                Policy::untrained(&dims(task), *seed, Networks::paper(actor_kind(task)))
+                Policy::untrained(&dims(task), *seed, Networks::paper(paper_actor(task)))
             }
             PolicySource::File(path) => Policy::open(path, &dims(task)),
             PolicySource::Training => Err(failed!("a policy in training cannot be loaded, only handed over")),
@@ -85,7 +85,7 @@ pub fn dims(task: &Task) -> Dims {
 }
 
 /// The actor of the paper's setting for this task: recurrent for spread, except for spread-xy-2.
-fn actor_kind(task: &Task) -> ActorKind {
+pub fn paper_actor(task: &Task) -> ActorKind {
     match task.id() {
         "hear-see" | "speaker-listener" | "spread-xy-2" => ActorKind::Mlp,
         _ => ActorKind::Gru,

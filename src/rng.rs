@@ -27,6 +27,9 @@ pub enum Purpose {
     Action = 5,
     /// The initial weights of a network; the "episode" is the tensor's number.
     Weights = 6,
+    /// Which remembered episodes a predictor learns from; the "episode" is the update, the "step" the
+    /// predictor's step in it.
+    Replay = 7,
 }
 
 /// The draws of one (seed, purpose, episode, step).

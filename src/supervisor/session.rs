@@ -26,6 +26,12 @@ impl Session {
         }
     }
 
+    /// Begins with this episode instead of number 0.
+    pub fn starting_at(mut self, episode: u64) -> Session {
+        self.stage = self.stage.starting_at(episode);
+        self
+    }
+
     /// Counts where the parts of policy inputs come from.
     pub fn with_audit(mut self) -> Session {
         self.ledger.audit = Some(Audit::default());
@@ -38,7 +44,7 @@ impl Session {
         self
     }
 
-    /// Plays `episodes` episodes, numbered from 0, and tells `progress` after each batch of worlds.
+    /// Plays all episodes numbered below `episodes` that it has not played, and tells `progress` after each batch of worlds.
     pub fn play(
         &mut self,
         team: &mut impl Team,

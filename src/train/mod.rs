@@ -11,26 +11,46 @@
 
 mod actor;
 mod batch;
+mod checkpoint;
+mod config;
 mod critic;
+mod folder;
 pub mod memory;
 pub mod network;
 mod parameters;
+mod plan;
 mod predictor;
+mod replay;
 mod returns;
 mod rollout;
+mod rows;
+mod run;
 mod settings;
 mod state;
 mod team;
 #[cfg(test)]
 mod tests;
 mod threads;
+mod throughput;
+mod trainer;
+mod trial;
 
 pub use actor::{Actor, ActorLosses};
 pub use batch::{Batch, Trajectories};
+pub use checkpoint::{Checkpoint, Progress};
+pub use config::{AdvantageKind, Algorithm, Config, Layer, Preset, TrainMode, TrainP};
 pub use critic::{Critic, CriticLosses};
+pub use folder::RunFolder;
 pub use parameters::Parameters;
+pub use plan::{Plan, estimate};
 pub use predictor::{Predictor, PredictorLosses};
+pub use replay::Replay;
 pub use rollout::Rollout;
+pub use rows::{Averages, columns};
+pub use run::{Pace, Run};
 pub use settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
 pub use state::Counters;
 pub use team::{Busy, Losses, Team};
+pub use throughput::{Throughput, matmul_rate, test_duration};
+pub use trainer::{Diverged, Trainer};
+pub use trial::{LEVELS, Trial};

@@ -1,5 +1,7 @@
 //! What a team learns with. The defaults and their sources are in `docs/method.md`.
 
+use serde::{Deserialize, Serialize};
+
 use crate::nn::{ActorKind, Networks, Sharing};
 
 /// How a team learns.
@@ -57,13 +59,16 @@ pub enum Backend {
 }
 
 /// What a critic sees of a step, before the id of a shared one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum CriticInput {
     /// The padded observations of all agents (MAPPO).
+    #[serde(rename = "all")]
     AllObservations,
     /// What the agent's actor sees: the joint observation, or the agent's estimate of it (IPPO).
     Joint,
     /// The agent's own padded observation (IPPO as in the paper's text).
+    #[serde(rename = "local")]
     OwnObservation,
 }
 

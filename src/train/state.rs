@@ -36,6 +36,11 @@ impl Team {
         tensors.collect()
     }
 
+    /// Updates so far.
+    pub fn updates(&self) -> u64 {
+        self.updates
+    }
+
     /// What the team has counted.
     pub fn counters(&self) -> Counters {
         let adam = self.networks().map(|network| (network.name().to_owned(), network.steps));

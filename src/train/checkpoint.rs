@@ -1,0 +1,194 @@
+//! The checkpoint: everything a run needs in order to go on as if it had never stopped.
+//!
+//! A safetensors file with the tensors of [`Team::state`], what is remembered for replay (`replay.joint`) and,
+//! where updates share episodes, the batch (`batch.*`); its metadata hold the configuration and the counters.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use memmap2::Mmap;
+use safetensors::SafeTensors;
+use serde::{Deserialize, Serialize};
+
+use super::batch::Batch;
+use super::config::{Config, Layer, Preset};
+use super::replay::Replay;
+use super::rows::Averages;
+use super::state::Counters;
+use super::team::Team;
+use crate::error::{Error, Result};
+use crate::nn::{map, write_tensors};
+use crate::world::EPISODE_STEPS;
+use crate::{failed, usage};
+
+const FORMAT: &str = "vamaro-swarm checkpoint";
+const VERSION: &str = "1";
+
+/// How far a run has come.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Episodes played for training.
+    pub episodes: u64,
+    /// Rows of `metrics.csv` that are final: a longer run has them too.
+    pub rows: usize,
+    /// What the next row will say.
+    pub averages: Averages,
+    /// Seconds spent training, over all sittings.
+    pub seconds: f64,
+}
+
+/// The parts of a run that change as it goes on.
+#[derive(Debug)]
+pub struct State {
+    /// How far it has come.
+    pub progress: Progress,
+    /// The networks.
+    pub team: Team,
+    /// Remembered episodes.
+    pub replay: Replay,
+    /// The last episodes.
+    pub batch: Batch,
+}
+
+impl State {
+    /// Writes a checkpoint.
+    ///
+    /// # Errors
+    /// `Failed` if it cannot be written, or if some weight is not a number: then the last checkpoint is the good
+    /// one, and stays.
+    pub fn save(&self, config: &Config, path: &Path) -> Result<()> {
+        let State { progress, team, replay, batch } = self;
+        if !team.is_finite() {
+            return Err(failed!("a weight is no longer a finite number; no checkpoint is made of that"));
+        }
+        let metadata = BTreeMap::from([
+            ("format", FORMAT.to_owned()),
+            ("version", VERSION.to_owned()),
+            ("program", concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned()),
+            ("config", config.to_toml()),
+            ("progress", to_json(progress)),
+            ("counters", to_json(&team.counters())),
+        ]);
+        let state = team.state();
+        let mut tensors: Vec<(&str, Vec<usize>, &[f32])> =
+            state.iter().map(|(name, shape, values)| (&name[..], shape.clone(), *values)).collect();
+        tensors.push(("replay.joint", vec![replay.episodes().len()], replay.episodes()));
+        let actions: Vec<f32> = batch.actions.iter().map(|&action| action.into()).collect();
+        if config.update_every < config.batch_episodes {
+            for (name, values) in parts(batch, &actions) {
+                tensors.push((name, vec![values.len()], values));
+            }
+        }
+        let tensors: Vec<_> =
+            tensors.iter().map(|(name, shape, values)| (*name, &shape[..], *values)).collect();
+        write_tensors(path, &metadata, &tensors)
+    }
+
+    /// Takes over what a checkpoint of this configuration holds.
+    ///
+    /// # Errors
+    /// `Failed` if something is missing or does not fit.
+    pub fn restore(&mut self, config: &Config, checkpoint: &Checkpoint) -> Result<()> {
+        let tensors = checkpoint.tensors()?;
+        let find =
+            |name: &str| tensors.tensor(name).ok().and_then(|t| bytemuck::try_cast_slice(t.data()).ok());
+        self.team.restore(find, &checkpoint.counters).map_err(|e| checkpoint.damaged(&e))?;
+        let need = |name: &str| find(name).ok_or_else(|| checkpoint.damaged(&format!("{name} is missing")));
+        if !self.replay.restore(need("replay.joint")?) {
+            return Err(checkpoint.damaged("replay.joint has another length"));
+        }
+        if config.update_every < config.batch_episodes {
+            let Batch { observations, joint, estimates, actions, rewards, .. } = &mut self.batch;
+            for (name, to) in [
+                ("batch.observations", observations),
+                ("batch.joint", joint),
+                ("batch.estimates", estimates),
+                ("batch.rewards", rewards),
+            ] {
+                copy(need(name)?, to)
+                    .ok_or_else(|| checkpoint.damaged(&format!("{name} has another length")))?;
+            }
+            let mut values = vec![0.0; actions.len()];
+            copy(need("batch.actions")?, &mut values)
+                .ok_or_else(|| checkpoint.damaged("batch.actions has another length"))?;
+            actions.iter_mut().zip(values).for_each(|(action, value)| *action = value as u8);
+        }
+        self.progress = checkpoint.progress.clone();
+        Ok(())
+    }
+}
+
+fn parts<'a>(batch: &'a Batch, actions: &'a [f32]) -> [(&'static str, &'a [f32]); 5] {
+    [
+        ("batch.observations", &batch.observations),
+        ("batch.joint", &batch.joint),
+        ("batch.estimates", &batch.estimates),
+        ("batch.actions", actions),
+        ("batch.rewards", &batch.rewards),
+    ]
+}
+
+fn copy(from: &[f32], to: &mut [f32]) -> Option<()> {
+    (from.len() == to.len()).then(|| to.copy_from_slice(from))
+}
+
+/// A checkpoint that was found.
+#[derive(Debug)]
+pub struct Checkpoint {
+    /// What the run was configured with.
+    pub config: Config,
+    /// How far it had come.
+    pub progress: Progress,
+    counters: Counters,
+    source: String,
+    map: Mmap,
+}
+
+impl Checkpoint {
+    /// Opens the checkpoint at `path`.
+    ///
+    /// # Errors
+    /// `Usage` if there is none, or it is one of another version; `Failed` if it is damaged.
+    pub fn open(path: &Path) -> Result<Checkpoint> {
+        let (map, source) = (map(path)?, path.display().to_string());
+        let damaged = |e: &dyn std::fmt::Display| failed!("{source} is damaged, or no checkpoint: {e}");
+        let (_, content) = SafeTensors::read_metadata(&map).map_err(|e| damaged(&e))?;
+        let words = content.metadata().clone().unwrap_or_default();
+        let word = |key: &str| words.get(key).ok_or_else(|| damaged(&format!("it has no `{key}`")));
+        if words.get("format").map(String::as_str) != Some(FORMAT) {
+            return Err(usage!("{source} is no checkpoint of vamaro-swarm"));
+        }
+        let version = word("version")?;
+        if version != VERSION {
+            let program = words.get("program").map_or("another program", String::as_str);
+            return Err(usage!(
+                "{source} is a checkpoint of version {version}, written by {program}; this program continues \
+                 version {VERSION}"
+            ));
+        }
+        let config = Layer::parse(word("config")?, &source)?;
+        let config = Config::resolve(Preset::Paper, &[config])?;
+        let progress = serde_json::from_str(word("progress")?).map_err(|e| damaged(&e))?;
+        let counters = serde_json::from_str(word("counters")?).map_err(|e| damaged(&e))?;
+        Ok(Checkpoint { config, progress, counters, source, map })
+    }
+
+    fn tensors(&self) -> Result<SafeTensors<'_>> {
+        SafeTensors::deserialize(&self.map).map_err(|e| self.damaged(&e.to_string()))
+    }
+
+    fn damaged(&self, why: &str) -> Error {
+        failed!("{} is damaged: {why}", self.source)
+    }
+}
+
+fn to_json(part: &impl Serialize) -> String {
+    serde_json::to_string(part).expect("counters can be written as JSON")
+}
+
+impl Progress {
+    /// Environment steps so far.
+    pub fn timestep(&self) -> u64 {
+        self.episodes * EPISODE_STEPS as u64
+    }
+}

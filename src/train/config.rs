@@ -1,0 +1,576 @@
+//! What a training run depends on, as text: presets, `config.toml` and `--set`.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use super::settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
+use crate::agents::{ImputerName, paper_actor};
+use crate::error::{Error, Result};
+use crate::file::AtomicFile;
+use crate::link::{LinkModel, Links};
+use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing};
+use crate::usage;
+use crate::world::Task;
+
+/// Everything that the result of a training run depends on; two runs of one configuration end in the same bits.
+///
+/// `docs/training.md` says where the defaults come from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Id of the task.
+    pub task: String,
+    /// Seed of every draw.
+    pub seed: u64,
+    /// Timesteps to train for; a run ends with the update that reaches them.
+    pub steps: u64,
+    /// What critics see by default.
+    pub algorithm: Algorithm,
+    /// The kind of actor.
+    pub actor: ActorKind,
+    /// Hidden size of actors and critics.
+    pub hidden: usize,
+    /// One actor for all agents, which sees the agent's id.
+    pub share_actors: bool,
+    /// One critic for all agents, which sees the agent's id.
+    pub share_critics: bool,
+    /// What critics see.
+    pub critic_input: CriticInput,
+    /// Learning rate of actors and critics.
+    pub learning_rate: f64,
+    /// What entropy (nat) is worth in the actors' loss.
+    pub entropy_coefficient: f64,
+    /// Discount of one step.
+    pub gamma: f64,
+    /// How rewards and values become returns.
+    pub advantage: AdvantageKind,
+    /// Rewards in a return before a value stands for the rest, with `advantage = "n-step"`.
+    pub n_steps: usize,
+    /// Lambda of `advantage = "gae"`.
+    pub gae_lambda: f64,
+    /// How far from 1 a ratio of probabilities still counts.
+    pub clip: f64,
+    /// Passes over the batch in one update.
+    pub epochs: usize,
+    /// Largest norm of the gradient of all actors, and of all critics.
+    pub max_grad_norm: f64,
+    /// Shift and scale the rewards of a batch to mean 0 and standard deviation 1.
+    pub standardise_rewards: bool,
+    /// Updates between copies of the critics to the target critics.
+    pub target_interval: u64,
+    /// Episodes that an update learns from.
+    pub batch_episodes: usize,
+    /// Fresh episodes between updates, played side by side in as many worlds; the batch is the last
+    /// `batch_episodes`.
+    pub update_every: usize,
+    /// Probability that an observation is delivered while the policy trains, or `"uniform"`: one level per
+    /// episode. Below 1 the first of the predictors imputes.
+    pub train_p: TrainP,
+    /// Predictors that learn beside the policy: `value-aware`, `maro`, `lambda0`, `maro-carry`.
+    pub predictors: Vec<String>,
+    /// Steps of each predictor per update.
+    pub predictor_updates: usize,
+    /// Learning rate of the predictors.
+    pub predictor_learning_rate: f64,
+    /// Largest norm of a predictor's gradient.
+    pub predictor_max_grad_norm: f64,
+    /// Hidden size of the predictors.
+    pub predictor_hidden: usize,
+    /// The weight of an advantage in the value-aware loss.
+    pub lambda: f64,
+    /// Episodes that `maro` and `maro-carry` remember.
+    pub replay_episodes: usize,
+    /// Remembered episodes that a step of theirs learns from.
+    pub replay_batch: usize,
+    /// Timesteps between rows of `metrics.csv`, each with a test.
+    pub test_interval: u64,
+    /// Episodes of a test at each level and with each predictor; 0 for no tests.
+    pub test_episodes: u64,
+    /// What computes gradients.
+    pub backend: Backend,
+}
+
+/// What trains the policy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Algorithm {
+    /// Critics that see all observations.
+    Mappo,
+    /// Critics that see what the actors see.
+    Ippo,
+}
+
+/// Which estimator of returns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AdvantageKind {
+    /// [`Estimator::Steps`].
+    NStep,
+    /// [`Estimator::Gae`].
+    Gae,
+}
+
+/// How links are while the policy trains.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum TrainP {
+    /// One level.
+    Level(f64),
+    /// A mode with a name.
+    Mode(TrainMode),
+}
+
+/// Modes of [`TrainP`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrainMode {
+    /// A level for each episode, uniform on [0, 1).
+    Uniform,
+}
+
+/// Where a configuration starts from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Preset {
+    /// The settings in the paper's text: setting 1 for hear-see, speaker-listener and spread-xy-2, setting 2
+    /// for the other tasks
+    #[default]
+    Paper,
+    /// The habits of the `mappo` configuration in the paper's published code: shared networks, an update after
+    /// every episode, rewards as they are
+    PublishedCode,
+}
+
+/// Settings from one place: a file, or the command line.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Layer {
+    source: String,
+    table: Table,
+}
+
+/// How a predictor with this name learns.
+fn objective(name: &str, lambda: f64) -> Option<(Objective, bool)> {
+    match name {
+        "value-aware" => Some((Objective::ValueAware { lambda }, false)),
+        "lambda0" => Some((Objective::ValueAware { lambda: 0.0 }, false)),
+        "maro" => Some((Objective::Maro, false)),
+        "maro-carry" => Some((Objective::Maro, true)),
+        _ => None,
+    }
+}
+
+impl Config {
+    /// The defaults for a task.
+    pub fn preset(preset: Preset, task: &Task, algorithm: Algorithm) -> Config {
+        let actor = paper_actor(task);
+        let paper = Settings::paper(actor);
+        let predictor = PredictorSettings::paper(Objective::Maro);
+        let paper = Config {
+            task: task.id().to_owned(),
+            seed: 0,
+            steps: 5_000_000,
+            algorithm,
+            actor,
+            hidden: paper.networks.hidden,
+            share_actors: false,
+            share_critics: false,
+            critic_input: match algorithm {
+                Algorithm::Mappo => CriticInput::AllObservations,
+                Algorithm::Ippo => CriticInput::Joint,
+            },
+            learning_rate: paper.learning_rate,
+            entropy_coefficient: paper.entropy_coefficient,
+            gamma: paper.gamma,
+            advantage: AdvantageKind::NStep,
+            n_steps: 5,
+            gae_lambda: 0.95,
+            clip: paper.clip,
+            epochs: paper.epochs,
+            max_grad_norm: paper.largest_gradient,
+            standardise_rewards: paper.standardise_rewards,
+            target_interval: paper.target_interval,
+            batch_episodes: 10,
+            update_every: 10,
+            train_p: TrainP::Level(1.0),
+            predictors: vec!["value-aware".to_owned(), "maro".to_owned()],
+            predictor_updates: 1,
+            predictor_learning_rate: predictor.learning_rate,
+            predictor_max_grad_norm: predictor.largest_gradient,
+            predictor_hidden: PredictorSpec::paper("any").hidden,
+            lambda: 1.0,
+            replay_episodes: 5_000,
+            replay_batch: 32,
+            test_interval: 50_000,
+            test_episodes: 100,
+            backend: Backend::Native,
+        };
+        match preset {
+            Preset::Paper => paper,
+            Preset::PublishedCode => Config {
+                share_actors: true,
+                share_critics: true,
+                standardise_rewards: false,
+                update_every: 1,
+                ..paper
+            },
+        }
+    }
+
+    /// The preset with the settings of all layers; those of later ones count more.
+    ///
+    /// # Errors
+    /// `Usage` for settings that do not exist, have a value of another type, or make no sense.
+    pub fn resolve(preset: Preset, layers: &[Layer]) -> Result<Config> {
+        let given =
+            |key: &str| layers.iter().rev().find_map(|layer| layer.table.get(key).map(|v| (layer, v)));
+        let task = match given("task") {
+            Some((_, Value::String(name))) => Task::parse(name)?,
+            Some((layer, other)) => {
+                return Err(usage!("{}: `task` is {other}, expected a name in quotes", layer.source));
+            }
+            None => Task::parse("hear-see")?,
+        };
+        let algorithm = match given("algorithm") {
+            Some((layer, value)) => value.clone().try_into().map_err(|e| layer.refuse("algorithm", &e))?,
+            None => Algorithm::Mappo,
+        };
+        let preset = Config::preset(preset, &task, algorithm);
+        let mut all = Table::try_from(&preset).expect("a configuration is a table");
+        for layer in layers {
+            for (key, value) in &layer.table {
+                let Some(default) = all.get_mut(key) else { return Err(layer.unknown(key, &all)) };
+                *default = like(default, value.clone());
+                // One at a time, so that an error can say which and where.
+                Config::deserialize(all.clone()).map_err(|e| layer.refuse(key, &e))?;
+            }
+        }
+        // However it was written, it is known by its id.
+        all.insert("task".to_owned(), task.id().into());
+        let config = Config::deserialize(all).map_err(|e| usage!("{}", e.message()))?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Says what makes no sense.
+    fn check(&self) -> Result<()> {
+        let at_least_one = [
+            ("hidden", self.hidden),
+            ("n_steps", self.n_steps),
+            ("epochs", self.epochs),
+            ("target_interval", self.target_interval as usize),
+            ("batch_episodes", self.batch_episodes),
+            ("update_every", self.update_every),
+            ("predictor_updates", self.predictor_updates),
+            ("predictor_hidden", self.predictor_hidden),
+            ("replay_batch", self.replay_batch),
+            ("test_interval", self.test_interval as usize),
+        ];
+        if let Some((key, _)) = at_least_one.iter().find(|(_, value)| *value == 0) {
+            return Err(usage!("`{key}` is 0, expected 1 or more"));
+        }
+        let positive = [
+            ("learning_rate", self.learning_rate),
+            ("clip", self.clip),
+            ("max_grad_norm", self.max_grad_norm),
+            ("predictor_learning_rate", self.predictor_learning_rate),
+            ("predictor_max_grad_norm", self.predictor_max_grad_norm),
+        ];
+        if let Some((key, value)) = positive.iter().find(|(_, value)| !(*value > 0.0 && value.is_finite())) {
+            return Err(usage!("`{key}` is {value}, expected a number above 0"));
+        }
+        let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda)];
+        if let Some((key, value)) = shares.iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
+            return Err(usage!("`{key}` is {value}, expected 0 to 1"));
+        }
+        for (key, value) in [("entropy_coefficient", self.entropy_coefficient), ("lambda", self.lambda)] {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(usage!("`{key}` is {value}, expected 0 or more"));
+            }
+        }
+        match self.train_p {
+            TrainP::Level(p) if !(0.0..=1.0).contains(&p) => {
+                return Err(usage!("`train_p` is {p}, expected a probability from 0 to 1, or \"uniform\""));
+            }
+            _ if !self.everything_arrives() && self.predictors.is_empty() => {
+                return Err(usage!(
+                    "`train_p` below 1 needs a predictor that imputes what is lost; name one in `predictors`"
+                ));
+            }
+            _ => {}
+        }
+        if self.update_every > self.batch_episodes {
+            return Err(usage!(
+                "`update_every` is {} and `batch_episodes` {}: an update would never see some episodes",
+                self.update_every,
+                self.batch_episodes
+            ));
+        }
+        if self.replay_batch > self.replay_episodes {
+            return Err(usage!(
+                "`replay_batch` is {}, more than the {} of `replay_episodes`",
+                self.replay_batch,
+                self.replay_episodes
+            ));
+        }
+        if let Some(name) = self.predictors.iter().find(|name| objective(name, 1.0).is_none()) {
+            return Err(usage!(
+                "there is no predictor `{name}`; there are value-aware, maro, lambda0 and maro-carry"
+            ));
+        }
+        self.networks().check().map_err(|e| usage!("{e}"))
+    }
+
+    /// The networks that agents run.
+    pub fn networks(&self) -> Networks {
+        let spec =
+            |name: &String| PredictorSpec { hidden: self.predictor_hidden, ..PredictorSpec::paper(name) };
+        Networks {
+            actor: self.actor,
+            sharing: sharing(self.share_actors),
+            hidden: self.hidden,
+            predictors: self.predictors.iter().map(spec).collect(),
+        }
+    }
+
+    /// What the learner is told.
+    pub fn settings(&self) -> Settings {
+        let predictor = |name: &String| {
+            let (objective, carry_gradients) =
+                objective(name, self.lambda).expect("the names of predictors are checked");
+            PredictorSettings {
+                objective,
+                learning_rate: self.predictor_learning_rate,
+                largest_gradient: self.predictor_max_grad_norm,
+                carry_gradients,
+            }
+        };
+        Settings {
+            networks: self.networks(),
+            critic_sharing: sharing(self.share_critics),
+            critic_input: self.critic_input,
+            predictors: self.predictors.iter().map(predictor).collect(),
+            predictor_updates: self.predictor_updates,
+            learning_rate: self.learning_rate,
+            entropy_coefficient: self.entropy_coefficient,
+            gamma: self.gamma,
+            estimator: match self.advantage {
+                AdvantageKind::NStep => Estimator::Steps(self.n_steps),
+                AdvantageKind::Gae => Estimator::Gae(self.gae_lambda),
+            },
+            clip: self.clip,
+            epochs: self.epochs,
+            largest_gradient: self.max_grad_norm,
+            standardise_rewards: self.standardise_rewards,
+            target_interval: self.target_interval,
+            backend: self.backend,
+        }
+    }
+
+    /// The links while the policy trains.
+    pub fn links(&self) -> LinkModel {
+        let links = match self.train_p {
+            TrainP::Level(p) => Links::Level(p),
+            TrainP::Mode(TrainMode::Uniform) => Links::Uniform,
+        };
+        LinkModel::new(links, self.seed, true)
+    }
+
+    /// Whether all observations are delivered while the policy trains.
+    pub fn everything_arrives(&self) -> bool {
+        self.train_p == TrainP::Level(1.0)
+    }
+
+    /// What imputes while the policy trains: nothing has to where everything is delivered.
+    pub fn imputer(&self) -> ImputerName {
+        match self.predictors.first() {
+            Some(name) if !self.everything_arrives() => ImputerName::Predictor(name.clone()),
+            _ => ImputerName::Hold,
+        }
+    }
+
+    /// What is tested: every predictor, or, where none learns, holding what was received last.
+    pub fn tested_imputers(&self) -> Vec<ImputerName> {
+        match self.predictors.is_empty() {
+            true => vec![ImputerName::Hold],
+            false => self.predictors.iter().cloned().map(ImputerName::Predictor).collect(),
+        }
+    }
+
+    /// Whether some predictor learns from remembered episodes.
+    pub fn replays(&self) -> bool {
+        self.settings().predictors.iter().any(|predictor| predictor.objective == Objective::Maro)
+    }
+
+    /// As text, which [`Layer::parse`] reads.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a configuration can be written as TOML")
+    }
+
+    /// Writes `config.toml`.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
+        let text =
+            format!("# Every setting of this run of {program}; see docs/training.md.\n{}", self.to_toml());
+        AtomicFile::write(path, text.as_bytes())
+    }
+
+    /// The settings in which two configurations differ: key, value here, value there.
+    pub fn differences(&self, other: &Config) -> Vec<(String, Value, Value)> {
+        let [here, there] = [self, other].map(|c| Table::try_from(c).expect("a configuration is a table"));
+        let differing = here.into_iter().filter(|(key, value)| there[key] != *value);
+        differing.map(|(key, value)| (key.clone(), value, there[&key].clone())).collect()
+    }
+}
+
+fn sharing(shared: bool) -> Sharing {
+    if shared { Sharing::Shared } else { Sharing::Separate }
+}
+
+/// A value in the type of the default, where there is one way to read it so: `1e6` is a whole number, `1` a
+/// number, and `a,b` a list.
+fn like(default: &Value, value: Value) -> Value {
+    match (default, value) {
+        (Value::Integer(_), Value::Float(x)) if x.fract() == 0.0 && x.abs() < 9e15 => {
+            Value::Integer(x as i64)
+        }
+        (Value::Float(_), Value::Integer(n)) => Value::Float(n as f64),
+        (Value::Array(_), Value::String(list)) => {
+            let items = list.split(',').map(str::trim).filter(|item| !item.is_empty());
+            Value::Array(items.map(Value::from).collect())
+        }
+        (_, value) => value,
+    }
+}
+
+impl Layer {
+    /// An empty one; errors about its settings begin with `source`.
+    pub fn new(source: &str) -> Layer {
+        Layer { source: source.to_owned(), table: Table::new() }
+    }
+
+    /// The settings in a TOML file.
+    pub fn read(path: &Path) -> Result<Layer> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::open(path, e))?;
+        Layer::parse(&text, &path.display().to_string())
+    }
+
+    /// The settings in a TOML text.
+    pub fn parse(text: &str, source: &str) -> Result<Layer> {
+        let table = text.parse().map_err(|e| usage!("{source} is not TOML: {e}"))?;
+        Ok(Layer { source: source.to_owned(), table })
+    }
+
+    /// Sets `key` to what `value` says in TOML; a word without quotes is one with quotes.
+    pub fn set(&mut self, key: &str, value: &str) {
+        let parsed = format!("value = {value}").parse::<Table>().ok();
+        let parsed = parsed.and_then(|mut table| table.remove("value"));
+        self.table.insert(key.to_owned(), parsed.unwrap_or_else(|| value.into()));
+    }
+
+    fn refuse(&self, key: &str, error: &toml::de::Error) -> Error {
+        usage!("{}: `{key}`: {}", self.source, error.message())
+    }
+
+    fn unknown(&self, key: &str, known: &Table) -> Error {
+        let nearest = known
+            .keys()
+            .max_by(|a, b| strsim::jaro_winkler(key, a).total_cmp(&strsim::jaro_winkler(key, b)))
+            .expect("there are settings");
+        usage!("{}: there is no setting `{key}`; the nearest is `{nearest}`", self.source)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layer(settings: &[(&str, &str)]) -> Layer {
+        let mut layer = Layer::new("--set");
+        settings.iter().for_each(|(key, value)| layer.set(key, value));
+        layer
+    }
+
+    fn resolve(settings: &[(&str, &str)]) -> Result<Config> {
+        Config::resolve(Preset::Paper, &[layer(settings)])
+    }
+
+    #[test]
+    fn the_presets_are_those_of_the_paper() {
+        let hear_see = resolve(&[]).unwrap();
+        assert_eq!((hear_see.actor, hear_see.learning_rate), (ActorKind::Mlp, 1e-4));
+        assert_eq!(hear_see.settings(), {
+            let paper = Settings::paper(ActorKind::Mlp);
+            let spec = PredictorSpec::paper;
+            let networks = Networks { predictors: vec![spec("value-aware"), spec("maro")], ..paper.networks };
+            let maro = PredictorSettings::paper(Objective::Maro);
+            Settings { networks, predictors: vec![paper.predictors[0].clone(), maro], ..paper }
+        });
+        let spread = resolve(&[("task", "SXY-4")]).unwrap();
+        assert_eq!((&spread.task[..], spread.actor), ("spread-xy-4", ActorKind::Gru));
+        assert_eq!((spread.learning_rate, spread.entropy_coefficient), (3e-4, 0.01));
+        let ippo = resolve(&[("algorithm", "ippo")]).unwrap();
+        assert_eq!(ippo.critic_input, CriticInput::Joint);
+        let code = Config::resolve(Preset::PublishedCode, &[]).unwrap();
+        assert!(code.share_actors && code.share_critics && !code.standardise_rewards);
+        assert_eq!(code.update_every, 1);
+    }
+
+    #[test]
+    fn a_configuration_comes_back_from_its_text() {
+        let uniform = resolve(&[("train_p", "uniform"), ("predictors", "maro-carry, lambda0")]).unwrap();
+        assert_eq!(uniform.train_p, TrainP::Mode(TrainMode::Uniform));
+        for config in [resolve(&[]).unwrap(), uniform] {
+            let text = Layer::parse(&config.to_toml(), "config.toml").unwrap();
+            assert_eq!(Config::resolve(Preset::Paper, &[text]).unwrap(), config);
+        }
+    }
+
+    #[test]
+    fn later_layers_count_more_and_numbers_are_read_as_meant() {
+        let file = Layer::parse("steps = 10\nclip = 1\nepochs = 2", "file.toml").unwrap();
+        let line = layer(&[("steps", "1e6"), ("share_actors", "true"), ("critic_input", "local")]);
+        let config = Config::resolve(Preset::Paper, &[file, line]).unwrap();
+        assert_eq!((config.steps, config.clip, config.epochs), (1_000_000, 1.0, 2));
+        assert!(config.share_actors);
+        assert_eq!(config.critic_input, CriticInput::OwnObservation);
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused_with_the_words_to_mend_it() {
+        for (settings, words) in [
+            (
+                &[("learning_rat", "1")][..],
+                "--set: there is no setting `learning_rat`; the nearest is `learning_rate`",
+            ),
+            (&[("clip", "wide")], "--set: `clip`: invalid type"),
+            (&[("epochs", "0")], "`epochs` is 0"),
+            (&[("epochs", "1.5")], "--set: `epochs`"),
+            (&[("learning_rate", "-1")], "`learning_rate` is -1"),
+            (&[("learning_rate", "nan")], "`learning_rate` is NaN"),
+            (&[("gamma", "1.01")], "`gamma` is 1.01"),
+            (&[("train_p", "2")], "`train_p` is 2"),
+            (&[("train_p", "0.5"), ("predictors", "[]")], "needs a predictor"),
+            (&[("predictors", "kalman")], "there is no predictor `kalman`"),
+            (&[("predictors", "maro,maro")], "two predictors are called"),
+            (&[("update_every", "11")], "`update_every` is 11"),
+            (&[("replay_episodes", "8")], "`replay_batch` is 32"),
+            (&[("task", "hear-sea")], "hear-sea"),
+            (&[("task", "7")], "expected a name"),
+            (&[("algorithm", "dqn")], "--set: `algorithm`"),
+            (&[("seed", "-1")], "--set: `seed`"),
+        ] {
+            let error = resolve(settings).unwrap_err();
+            assert_eq!(error.exit_code(), 2);
+            assert!(error.to_string().contains(words), "{error}");
+        }
+        assert!(Layer::parse("a = = 1", "x.toml").unwrap_err().to_string().starts_with("x.toml is not TOML"));
+    }
+
+    #[test]
+    fn differences_are_told_by_name() {
+        let (a, b) = (resolve(&[]).unwrap(), resolve(&[("clip", "0.3")]).unwrap());
+        let differences = a.differences(&b);
+        assert_eq!(differences, [("clip".to_owned(), Value::Float(0.2), Value::Float(0.3))]);
+    }
+}

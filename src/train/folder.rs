@@ -1,0 +1,82 @@
+//! The folder of a run: what is in it, and the lock that keeps two runs apart.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{FlockOperation, flock};
+
+use crate::error::{Error, Result};
+use crate::usage;
+
+const CHECKPOINT: &str = "checkpoint.safetensors";
+
+/// The folder of a run, locked as long as this lives.
+#[derive(Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+    /// The folder itself carries the lock, which the kernel takes back however the process ends.
+    _lock: File,
+}
+
+impl RunFolder {
+    /// Makes the folder, if it is not there, and locks it.
+    ///
+    /// # Errors
+    /// `Usage` if another run uses it; `Failed` if it cannot be made or locked.
+    pub fn open(path: &Path) -> Result<RunFolder> {
+        fs::create_dir_all(path).map_err(|e| Error::io("create the folder", path, e))?;
+        let lock = File::open(path).map_err(|e| Error::io("open", path, e))?;
+        flock(&lock, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
+            rustix::io::Errno::WOULDBLOCK => {
+                usage!(
+                    "{} is in use by a run that is still going on; wait for it, or choose another --out",
+                    path.display()
+                )
+            }
+            other => Error::io("lock", path, other),
+        })?;
+        Ok(RunFolder { path: path.to_owned(), _lock: lock })
+    }
+
+    /// Whether there is a run in the folder at `path`.
+    pub fn has_run(path: &Path) -> bool {
+        path.join(CHECKPOINT).exists()
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Every setting of the run.
+    pub fn config(&self) -> PathBuf {
+        self.path.join("config.toml")
+    }
+
+    /// Everything the run needs in order to go on.
+    pub fn checkpoint(&self) -> PathBuf {
+        self.path.join(CHECKPOINT)
+    }
+
+    /// What agents load.
+    pub fn policy(&self) -> PathBuf {
+        self.path.join("policy.safetensors")
+    }
+
+    /// The return at each level over training.
+    pub fn curves(&self) -> PathBuf {
+        self.path.join("curves.svg")
+    }
+
+    /// What was measured, row by row.
+    pub fn metrics(&self) -> PathBuf {
+        self.path.join("metrics.csv")
+    }
+
+    /// Something of a run that is here already.
+    pub fn traces_of_a_run(&self) -> Option<PathBuf> {
+        [self.checkpoint(), self.metrics(), self.policy(), self.config()]
+            .into_iter()
+            .find(|path| path.exists())
+    }
+}

@@ -1,0 +1,253 @@
+//! A training run: play, learn, test, and keep what must not be lost.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use super::checkpoint::Checkpoint;
+use super::folder::RunFolder;
+use super::rows::columns;
+use super::trainer::{Diverged, Trainer};
+use super::trial::{Trial, test};
+use super::{Averages, Config};
+use crate::error::{Error, Result};
+use crate::file::AtomicFile;
+use crate::metrics::{Metrics, MetricsLog};
+use crate::supervisor;
+use crate::{failed, plot, usage};
+
+/// How a run is carried out; nothing here changes its result.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// Threads that learn and test.
+    pub threads: usize,
+    /// The longest time between checkpoints.
+    pub checkpoint_every: Duration,
+}
+
+/// A training run and its folder.
+#[derive(Debug)]
+pub struct Run {
+    folder: RunFolder,
+    trainer: Trainer,
+    pace: Pace,
+    log: MetricsLog,
+    /// The latest tests, if there were any in this sitting.
+    trials: Vec<Trial>,
+    /// When the last checkpoint was made, and how long that took.
+    saved: (Instant, Duration),
+    /// When this sitting began, and the seconds of all before it.
+    began: (Instant, f64),
+}
+
+/// Checkpoints are no further apart.
+const LONGEST: Duration = Duration::from_secs(55);
+
+/// Why training stopped before its end.
+enum Stopped {
+    Diverged(Diverged),
+    Otherwise(Error),
+}
+
+impl Run {
+    /// A new run in a folder that holds none.
+    ///
+    /// # Errors
+    /// `Usage` if there is a run already.
+    pub fn create(folder: RunFolder, config: Config, pace: Pace) -> Result<Run> {
+        if let Some(path) = folder.traces_of_a_run() {
+            return Err(usage!(
+                "{} is there already: go on with that run by --resume, or choose another --out",
+                path.display()
+            ));
+        }
+        let trainer = Trainer::new(config, pace.threads)?;
+        // The checkpoint is what makes it a run: from then on it can be resumed.
+        trainer.state.save(&trainer.config, &folder.checkpoint())?;
+        trainer.config.save(&folder.config())?;
+        let log = MetricsLog::create(folder.path(), &columns(&trainer.config))?;
+        Ok(Run::assemble(folder, trainer, pace, log))
+    }
+
+    /// Goes on with the run in a folder, as `config` says: the configuration it has, but perhaps more steps.
+    ///
+    /// # Errors
+    /// `Usage` if there is no run, or `config` differs in more than its steps.
+    pub fn resume(folder: RunFolder, config: Config, pace: Pace) -> Result<Run> {
+        let path = folder.checkpoint();
+        let checkpoint = Checkpoint::open(&path)?;
+        let differences = checkpoint.config.differences(&config);
+        let differences: Vec<String> = differences
+            .iter()
+            .filter(|(key, ..)| key != "steps")
+            .map(|(key, was, now)| format!("`{key}` was {was} and is now {now}"))
+            .collect();
+        if !differences.is_empty() {
+            return Err(usage!(
+                "{} belongs to a run with other settings: {}; a run goes on with those it began with",
+                path.display(),
+                differences.join(", ")
+            ));
+        }
+        let trainer = Trainer::restore(config, pace.threads, &checkpoint)?;
+        let columns = columns(&trainer.config);
+        let log = match checkpoint.progress.rows {
+            0 if !folder.metrics().exists() => MetricsLog::create(folder.path(), &columns)?,
+            rows => MetricsLog::resume(folder.path(), &columns, rows)?,
+        };
+        trainer.config.save(&folder.config())?;
+        Ok(Run::assemble(folder, trainer, pace, log))
+    }
+
+    fn assemble(folder: RunFolder, trainer: Trainer, pace: Pace, log: MetricsLog) -> Run {
+        let began = (Instant::now(), trainer.state.progress.seconds);
+        Run { folder, trainer, pace, log, trials: Vec::new(), saved: (Instant::now(), Duration::ZERO), began }
+    }
+
+    /// What it was told.
+    pub fn config(&self) -> &Config {
+        &self.trainer.config
+    }
+
+    /// Its folder.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The team.
+    pub fn trainer(&self) -> &Trainer {
+        &self.trainer
+    }
+
+    /// Environment steps so far.
+    pub fn timestep(&self) -> u64 {
+        self.trainer.timestep()
+    }
+
+    /// Seconds spent training, in all sittings together.
+    pub fn seconds(&self) -> f64 {
+        self.began.1 + self.began.0.elapsed().as_secs_f64()
+    }
+
+    /// The latest tests of this sitting.
+    pub fn trials(&self) -> &[Trial] {
+        &self.trials
+    }
+
+    /// Trains to the last step with `agents` that run the trainer's policy, and tells `note` after every update.
+    /// However that ends, what was learned is kept, unless it is numbers that are none.
+    pub fn train(&mut self, agents: &mut impl supervisor::Team, mut note: impl FnMut(&Run)) -> Result<()> {
+        let stopped = match self.play_and_learn(agents, &mut note) {
+            Ok(()) => return self.finish(),
+            Err(Stopped::Diverged(Diverged(why))) => {
+                return Err(failed!(
+                    "training has diverged at timestep {}: {why}; the last good checkpoint is {}; try a smaller \
+                     learning rate",
+                    self.timestep(),
+                    self.folder.checkpoint().display()
+                ));
+            }
+            Err(Stopped::Otherwise(error)) => error,
+        };
+        self.save()?;
+        let on = format!(
+            "all up to timestep {} is kept; go on with `vamaro-swarm train --resume --out {}`",
+            self.timestep(),
+            self.folder().display()
+        );
+        Err(match stopped {
+            Error::Interrupted(_) => Error::Interrupted(format!("interrupted; {on}")),
+            Error::Failed(why) => Error::Failed(format!("{why}; {on}")),
+            Error::Usage(why) => Error::Usage(why),
+        })
+    }
+
+    fn play_and_learn(
+        &mut self,
+        agents: &mut impl supervisor::Team,
+        note: &mut impl FnMut(&Run),
+    ) -> std::result::Result<(), Stopped> {
+        loop {
+            if self.row_is_due() {
+                self.write_row()?;
+                let progress = &mut self.trainer.state.progress;
+                progress.rows += 1;
+                progress.averages = Averages::default();
+            }
+            note(self);
+            if self.timestep() >= self.config().steps {
+                return Ok(());
+            }
+            if self.checkpoint_is_due() {
+                self.save()?;
+            }
+            self.trainer.play(agents)?;
+            if let Some(weights) = self.trainer.learn()? {
+                agents.renew(weights)?;
+            }
+        }
+    }
+
+    /// Row k belongs to the first timestep from k times the interval on.
+    fn row_is_due(&self) -> bool {
+        self.timestep() >= self.trainer.state.progress.rows as u64 * self.config().test_interval
+    }
+
+    /// Tests, and writes a row of `metrics.csv`.
+    fn write_row(&mut self) -> Result<()> {
+        let Trainer { config, task, state, .. } = &self.trainer;
+        let progress = &state.progress;
+        if config.test_episodes > 0 {
+            let policy = self.trainer.policy()?;
+            self.trials = test(config, task, &policy, progress.rows, self.pace.threads)?;
+        }
+        let values = progress.averages.row(config, progress.episodes, state.team.updates(), &self.trials);
+        self.log.push(progress.timestep(), &values)
+    }
+
+    fn checkpoint_is_due(&self) -> bool {
+        let (when, cost) = self.saved;
+        when.elapsed() >= (50 * cost).max(self.pace.checkpoint_every).min(LONGEST)
+    }
+
+    /// Keeps everything, the checkpoint first: the rest follows from it.
+    fn save(&mut self) -> Result<()> {
+        let started = Instant::now();
+        self.log.sync()?;
+        self.trainer.state.progress.seconds = self.seconds();
+        self.trainer.state.save(self.config(), &self.folder.checkpoint())?;
+        self.trainer.policy()?.save(&self.folder.policy())?;
+        self.draw_curves()?;
+        self.saved = (Instant::now(), started.elapsed());
+        Ok(())
+    }
+
+    fn draw_curves(&self) -> Result<()> {
+        if self.config().test_episodes == 0 || self.log.rows() == 0 {
+            return Ok(());
+        }
+        let Config { task, seed, .. } = self.config();
+        let svg = plot::curves(&[Metrics::read(&self.folder.metrics())?], &format!("{task}, seed {seed}"))?;
+        AtomicFile::write(&self.folder.curves(), svg.as_bytes())
+    }
+
+    /// The end of the run. Its last row belongs to no interval unless the run ends with one, so it is not counted
+    /// in the checkpoint, from which a longer run would go on.
+    fn finish(&mut self) -> Result<()> {
+        if self.trainer.state.progress.averages != Averages::default() {
+            self.write_row()?;
+        }
+        self.save()
+    }
+}
+
+impl From<Diverged> for Stopped {
+    fn from(diverged: Diverged) -> Stopped {
+        Stopped::Diverged(diverged)
+    }
+}
+
+impl From<Error> for Stopped {
+    fn from(error: Error) -> Stopped {
+        Stopped::Otherwise(error)
+    }
+}
