@@ -1,5 +1,7 @@
 //! The command line, one file per command.
 
+mod bench;
+mod campaign;
 mod doctor;
 mod import;
 mod inspect;
@@ -7,6 +9,7 @@ mod plot;
 mod spawn;
 mod summary;
 mod tasks;
+mod train;
 mod verify;
 
 use std::io::{ErrorKind, Write};
@@ -32,6 +35,7 @@ const AFTER_HELP: &str = "\
 Examples:
   vamaro-swarm spawn --agents 4 --p 0.2     a trained team of four whose links deliver 20 %
   vamaro-swarm spawn --task hear-see --links dynamic --json
+  vamaro-swarm train --task hear-see        teach a team of your own
   vamaro-swarm tasks                        what there is to play
   vamaro-swarm doctor                       is this machine ready?
 
@@ -41,6 +45,8 @@ Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 130 int
 enum Command {
     /// Start a swarm, play episodes, and say how the team did
     Spawn(spawn::Spawn),
+    /// Teach a team: MAPPO or IPPO, and predictors beside it
+    Train(Box<train::Train>),
     /// List the tasks: ids, aliases, team sizes, dimensions
     Tasks(tasks::Tasks),
     /// Turn a policy of the paper's published code into a policy file
@@ -51,6 +57,8 @@ enum Command {
     Verify(verify::Verify),
     /// Draw the learning curves of training runs
     Plot(plot::Plot),
+    /// Measure what this machine reaches
+    Bench(bench::Bench),
     /// Tell whether this machine is ready, and clean up after dead swarms
     Doctor(doctor::Doctor),
     /// Print completions for a shell
@@ -71,11 +79,13 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Spawn(command) => command.run(),
+            Command::Train(command) => command.run(),
             Command::Tasks(command) => command.run(),
             Command::Import(command) => command.run(),
             Command::Inspect(command) => command.run(),
             Command::Verify(command) => command.run(),
             Command::Plot(command) => command.run(),
+            Command::Bench(command) => command.run(),
             Command::Doctor(command) => command.run(),
             Command::Completions { shell } => {
                 let mut script = Vec::new();
@@ -107,6 +117,11 @@ fn print(text: &str) -> Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// Writes a line of progress to stderr. Where that cannot be written there is nobody to tell.
+fn tell(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 /// Writes a value to stdout as one JSON object.

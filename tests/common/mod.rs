@@ -61,7 +61,12 @@ impl Swarm {
     /// Starts a swarm and waits until its agents listen. It plays for long unless `words` say otherwise.
     pub fn start(words: &str) -> Swarm {
         let episodes = if words.contains("--episodes") { "" } else { "--episodes 10000000" };
-        let mut command = command(&format!("spawn {episodes} {words}"));
+        Swarm::of(&format!("spawn {episodes} {words}"))
+    }
+
+    /// Starts a command that runs a swarm, and waits until its agents listen.
+    pub fn of(words: &str) -> Swarm {
+        let mut command = command(words);
         let supervisor = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let process = supervisor.id();
         let mut swarm = Swarm { supervisor: Some(supervisor), agents: Vec::new(), tag: String::new() };

@@ -1,0 +1,257 @@
+//! `bench`: what this machine reaches.
+
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use serde_json::json;
+
+use super::{print, print_json, table};
+use crate::bus::Wait;
+use crate::error::Result;
+use crate::supervisor::{InProcess, Processes, Team, signals};
+use crate::train::{Backend, Config, Layer, Preset, Throughput, Trainer, matmul_rate, test_duration};
+use crate::world::EPISODE_STEPS;
+
+/// Measure what this machine reaches
+#[derive(Debug, Args)]
+pub struct Bench {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Training: env steps/s, where the time goes, and the same with candle
+    Train(BenchTrain),
+}
+
+impl Bench {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        match self.what {
+            What::Train(command) => command.run(),
+        }
+    }
+}
+
+/// Training: env steps/s, where the time goes, and the same with candle
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  vamaro-swarm bench train
+  vamaro-swarm bench train --tasks spread-xy-12 --seconds 10 --json
+
+Each figure is the median of the rounds; in a round everything is measured in turn. Counted are rollouts by
+agent processes and updates of policy and value-aware predictor; what each further predictor and the tests
+add is said apart.")]
+pub struct BenchTrain {
+    /// Tasks to train; by default one of each of the paper's settings
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "hear-see,spread-xy-4")]
+    tasks: Vec<String>,
+
+    /// Seconds of each measurement
+    #[arg(long, value_name = "S", default_value_t = 3.0, value_parser = super::train::seconds)]
+    seconds: f64,
+
+    /// Rounds
+    #[arg(long, value_name = "R", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    rounds: u32,
+
+    /// Threads that learn [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    threads: Option<u32>,
+
+    /// Collect experience without agent processes
+    #[arg(long)]
+    in_process: bool,
+
+    /// Print the figures as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is measured of a task.
+struct Measured {
+    config: Config,
+    /// Floating-point operations of the matrix products of an update.
+    flop: f64,
+    native: Vec<Throughput>,
+    candle: Vec<Throughput>,
+    /// With MARO beside the value-aware predictor.
+    both: Vec<Throughput>,
+    test: Vec<Duration>,
+}
+
+impl BenchTrain {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        signals::install()?;
+        let threads = super::train::threads(self.threads);
+        let mut measured = Vec::new();
+        for task in &self.tasks {
+            measured.push(Measured::begin(task, threads)?);
+        }
+        let mut rates = Vec::new();
+        for round in 1..=self.rounds {
+            rates.push(matmul_rate(threads, Duration::from_secs_f64(self.seconds / 10.0)));
+            for measured in &mut measured {
+                super::tell(&format!("round {round} of {}: {}", self.rounds, measured.config.task));
+                measured.measure(&self, threads)?;
+            }
+        }
+        let rate = median(rates);
+        if self.json {
+            let tasks: Vec<_> = measured.iter().map(|measured| measured.json(rate, threads)).collect();
+            return print_json(
+                &json!({ "threads": threads, "matmul_gflop_per_s": rate / 1e9, "tasks": tasks }),
+            );
+        }
+        let processes = if self.in_process { "in-process" } else { "agents as processes" };
+        print(&format!(
+            "{threads} threads, {processes}; median of {} rounds of {} s\nmatmul 250 x 256 x 256   {:.0} GFLOP/s\n\n",
+            self.rounds,
+            self.seconds,
+            rate / 1e9
+        ))?;
+        let columns: Vec<_> = measured.iter().map(|measured| measured.column(rate, threads)).collect();
+        let rows = ROWS.iter().enumerate().map(|(at, name)| {
+            std::iter::once((*name).to_owned())
+                .chain(columns.iter().map(|column| column[at].clone()))
+                .collect()
+        });
+        let header: Vec<&str> =
+            std::iter::once("").chain(measured.iter().map(|measured| &measured.config.task[..])).collect();
+        print(&table(&header, rows))
+    }
+}
+
+/// What is said of a task, line by line.
+const ROWS: [&str; 15] = [
+    "env steps/s",
+    "the same with --backend candle",
+    "ratio to candle",
+    "one update and its rollout, ms",
+    "  rollout, ms",
+    "  actors, ms",
+    "  critics, ms",
+    "  predictors, ms",
+    "  other, ms",
+    "GFLOP of an update",
+    "GFLOP/s, rollouts included",
+    "  share of the matmul rate",
+    "GFLOP/s of the update alone",
+    "maro beside value-aware, ms an update",
+    "tests every 50k timesteps, ms an update",
+];
+
+impl Measured {
+    fn begin(task: &str, threads: usize) -> Result<Measured> {
+        let config = config(task, "value-aware", Backend::Native)?;
+        let trainer = Trainer::new(config.clone(), threads)?;
+        let flop = trainer.team().flop_per_update(config.batch_episodes, EPISODE_STEPS, config.replay_batch);
+        let (native, candle, both, test) = Default::default();
+        Ok(Measured { config, flop, native, candle, both, test })
+    }
+
+    /// One round: everything in turn.
+    fn measure(&mut self, bench: &BenchTrain, threads: usize) -> Result<()> {
+        let both = config(&self.config.task, "value-aware,maro", Backend::Native)?;
+        let candle = config(&self.config.task, "value-aware", Backend::Candle)?;
+        self.native.push(bench.measure(&self.config, threads)?);
+        self.candle.push(bench.measure(&candle, threads)?);
+        self.both.push(bench.measure(&both, threads)?);
+        self.test.push(test_duration(&both, threads)?);
+        Ok(())
+    }
+
+    /// The round with the median throughput.
+    fn native(&self) -> Throughput {
+        let mut rounds = self.native.clone();
+        rounds.sort_by(|a, b| a.env_steps_per_second().total_cmp(&b.env_steps_per_second()));
+        rounds[rounds.len() / 2]
+    }
+
+    /// By the names in [`ROWS`].
+    fn values(&self, rate: f64, threads: usize) -> [f64; ROWS.len()] {
+        let per_second =
+            |rounds: &[Throughput]| median(rounds.iter().map(Throughput::env_steps_per_second).collect());
+        let per_update =
+            |rounds: &[Throughput]| median(rounds.iter().map(|round| ms(round.per_update())).collect());
+        let native = self.native();
+        let updates = native.updates as f64;
+        let part = |busy: Duration| ms(busy) / updates / threads as f64;
+        let (whole, rollout) = (ms(native.per_update()), ms(native.rollout) / updates);
+        let [actors, critics, predictors] =
+            [native.busy.actors, native.busy.critics, native.busy.predictors].map(part);
+        let with_rollouts = self.flop / (whole * 1e-3);
+        let updates_between_tests =
+            self.config.test_interval as f64 / (self.config.update_every * EPISODE_STEPS) as f64;
+        [
+            per_second(&self.native),
+            per_second(&self.candle),
+            per_second(&self.native) / per_second(&self.candle),
+            whole,
+            rollout,
+            actors,
+            critics,
+            predictors,
+            whole - rollout - actors - critics - predictors,
+            self.flop / 1e9,
+            with_rollouts / 1e9,
+            with_rollouts / rate,
+            self.flop / ((whole - rollout) * 1e-3) / 1e9,
+            per_update(&self.both) - per_update(&self.native),
+            median(self.test.iter().map(|test| ms(*test)).collect()) / updates_between_tests,
+        ]
+    }
+
+    fn column(&self, rate: f64, threads: usize) -> Vec<String> {
+        let write = |(name, value): (&&str, f64)| match *name {
+            name if name.contains("share") => format!("{:.0} %", 100.0 * value),
+            name if name.contains("ms") || name.contains("ratio") => format!("{value:.2}"),
+            "GFLOP of an update" => format!("{value:.2}"),
+            _ => format!("{value:.0}"),
+        };
+        ROWS.iter().zip(self.values(rate, threads)).map(write).collect()
+    }
+
+    fn json(&self, rate: f64, threads: usize) -> serde_json::Value {
+        let values = ROWS.iter().zip(self.values(rate, threads));
+        let values: serde_json::Map<_, _> =
+            values.map(|(name, value)| (name.trim().to_owned(), json!(value))).collect();
+        json!({ "task": self.config.task, "figures": values })
+    }
+}
+
+impl BenchTrain {
+    fn measure(&self, config: &Config, threads: usize) -> Result<Throughput> {
+        let mut trainer = Trainer::new(config.clone(), threads)?;
+        let (agents, policy) = (trainer.agents(), trainer.policy()?);
+        match self.in_process {
+            true => self.measure_with(&mut trainer, &mut InProcess::new(&agents, &policy)?),
+            false => self.measure_with(&mut trainer, &mut Processes::start(&agents, &policy, Wait::Block)?),
+        }
+    }
+
+    fn measure_with(&self, trainer: &mut Trainer, agents: &mut impl Team) -> Result<Throughput> {
+        Throughput::measure(trainer, agents, Duration::from_secs_f64(self.seconds))
+    }
+}
+
+fn config(task: &str, predictors: &str, backend: Backend) -> Result<Config> {
+    let mut layer = Layer::new("--tasks");
+    layer.set("task", &format!("{task:?}"));
+    layer.set("predictors", predictors);
+    let config = Config::resolve(Preset::Paper, &[layer])?;
+    Ok(Config { backend, ..config })
+}
+
+fn ms(duration: Duration) -> f64 {
+    duration.as_secs_f64() * 1e3
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    if values.len().is_multiple_of(2) { (values[middle - 1] + values[middle]) / 2.0 } else { values[middle] }
+}

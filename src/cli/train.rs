@@ -1,0 +1,414 @@
+//! `train`: teach a team, alone or seed by seed.
+
+use std::ffi::OsString;
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::{Args, ValueEnum};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rustix::process::Signal;
+
+use super::campaign::{Campaign, Seeds, out_of_seed};
+use super::{print, print_json, table, tell};
+use crate::agents::process::leave_with;
+use crate::bus::Wait;
+use crate::error::Result;
+use crate::supervisor::{InProcess, Processes, signals};
+use crate::train::{Algorithm, Backend, Config, Layer, Pace, Preset, Run, RunFolder, Trial, estimate};
+use crate::usage;
+
+/// Teach a team: MAPPO or IPPO, and predictors beside it
+#[derive(Clone, Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Train {
+    /// Task: an id or alias from `vamaro-swarm tasks` [default: hear-see]
+    #[arg(long, value_name = "T")]
+    task: Option<String>,
+
+    /// Seed of every random draw [default: 0]
+    #[arg(long, value_name = "S", conflicts_with = "seeds", allow_negative_numbers = true)]
+    seed: Option<u64>,
+
+    /// Folder of the run [default: runs/TASK-SEED]; with --seeds, -SEED is added to it
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+
+    /// Timesteps to train for, such as 1000000, 1e6 or 1M [default: 5M]
+    #[arg(long, value_name = "N", value_parser = timesteps)]
+    steps: Option<u64>,
+
+    /// Critics that see all observations (mappo), or what actors see (ippo) [default: mappo]
+    #[arg(long, value_enum)]
+    algorithm: Option<Algorithm>,
+
+    /// Predictors that learn beside the policy: value-aware, maro, lambda0, maro-carry
+    /// [default: value-aware,maro]
+    #[arg(long, value_name = "LIST")]
+    predictors: Option<String>,
+
+    /// Probability of delivery while the policy trains, or `uniform`, a level per episode [default: 1]
+    #[arg(long, value_name = "P")]
+    train_p: Option<String>,
+
+    /// What all other settings start from
+    #[arg(long, value_enum, default_value_t)]
+    preset: Preset,
+
+    /// A TOML file with settings, as in the config.toml of a run
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+
+    /// Any setting, such as learning_rate=3e-4; docs/training.md lists them, --dry-run shows them
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = key_value)]
+    settings: Vec<(String, String)>,
+
+    /// What computes gradients: native, or candle, to compare with [default: native]
+    #[arg(long, value_enum)]
+    backend: Option<Backend>,
+
+    /// Go on with the run in --out, perhaps to more --steps
+    #[arg(long)]
+    resume: bool,
+
+    /// A run for each seed: 0..3 (0, 1, 2), 0..=3 or 0,5,7
+    #[arg(long, value_name = "SEEDS")]
+    seeds: Option<Seeds>,
+
+    /// With --seeds, runs at the same time; they share the threads
+    #[arg(long, value_name = "J", default_value_t = 1, requires = "seeds",
+        value_parser = clap::value_parser!(u32).range(1..))]
+    jobs: u32,
+
+    /// Threads that learn [default: one per core]; the result does not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    threads: Option<u32>,
+
+    /// Collect experience without agent processes; same results, bit for bit
+    #[arg(long)]
+    in_process: bool,
+
+    /// How processes wait: block (sleep until woken) or spin (poll; needs a core per process)
+    #[arg(long, value_enum, default_value_t, conflicts_with = "in_process")]
+    wait: Wait,
+
+    /// The longest time between checkpoints, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = seconds)]
+    checkpoint_every: f64,
+
+    /// Say what would be done, with all settings, time and disk, and do nothing
+    #[arg(long)]
+    dry_run: bool,
+
+    /// Print the summary as one JSON object
+    #[arg(long)]
+    json: bool,
+
+    /// The campaign that this run is part of, and ends with
+    #[arg(long, value_name = "PROCESS", hide = true)]
+    campaign: Option<i32>,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  vamaro-swarm train --task hear-see --steps 1M --out runs/hs-0
+  vamaro-swarm train --resume --out runs/hs-0 --steps 5M
+  vamaro-swarm train --task SXY-4 --seeds 0..3 --jobs 2 --out runs/sxy4
+  vamaro-swarm train --algorithm ippo --set learning_rate=3e-4 --set share_actors=true --dry-run
+  vamaro-swarm spawn --task hear-see --policy runs/hs-0 --p 0.2
+
+A run is killed or interrupted without harm: --resume ends with the very bits of a run that was left alone.";
+
+impl Train {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        match self.seeds.clone() {
+            Some(seeds) => Campaign::new(&self, seeds, self.jobs as usize)?.run(),
+            None => self.run_one(),
+        }
+    }
+
+    fn run_one(self) -> Result<()> {
+        signals::install()?;
+        if let Some(process) = self.campaign {
+            leave_with(process, Signal::TERM)?;
+        }
+        let config = self.resolve()?;
+        let out = self.out.clone().unwrap_or_else(|| default_out(&config));
+        if self.dry_run {
+            return self.print_plan(&config, &out);
+        }
+        let folder = RunFolder::open(&out)?;
+        let mut run = match self.resume {
+            true => Run::resume(folder, config, self.pace())?,
+            false => Run::create(folder, config, self.pace())?,
+        };
+        let (began, from) = (Instant::now(), run.timestep());
+        let mut reporter = Reporter::new(&run);
+        let (agents, policy) = (run.trainer().agents(), run.trainer().policy()?);
+        let trained = if self.in_process {
+            run.train(&mut InProcess::new(&agents, &policy)?, |run| reporter.note(run))
+        } else {
+            run.train(&mut Processes::start(&agents, &policy, self.wait)?, |run| reporter.note(run))
+        };
+        reporter.bar.finish_and_clear();
+        trained?;
+        self.summarise(&run, from, began.elapsed())
+    }
+
+    /// Every setting, from the preset, the file and the command line.
+    fn resolve(&self) -> Result<Config> {
+        let mut layers = Vec::new();
+        if self.resume {
+            layers.push(self.layer_of_run()?);
+        }
+        if let Some(path) = &self.config {
+            layers.push(Layer::read(path)?);
+        }
+        let mut line = Layer::new("--set");
+        self.settings.iter().for_each(|(key, value)| line.set(key, value));
+        layers.push(line);
+        layers.push(self.layer_of_options());
+        Config::resolve(self.preset, &layers)
+    }
+
+    /// What the run in the folder was told.
+    fn layer_of_run(&self) -> Result<Layer> {
+        let out =
+            self.out.as_ref().ok_or_else(|| usage!("--resume needs the folder of the run: --out DIR"))?;
+        let path = out.join("config.toml");
+        match path.exists() {
+            true => Layer::read(&path),
+            false => Err(usage!("there is no run to resume in {}: it has no config.toml", out.display())),
+        }
+    }
+
+    /// The options that are settings.
+    fn layer_of_options(&self) -> Layer {
+        let mut layer = Layer::new("command line");
+        let text = |value: Option<String>| value.map(|value| format!("{value:?}"));
+        for (key, value) in [
+            ("task", text(self.task.clone())),
+            ("seed", self.seed.map(|seed| seed.to_string())),
+            ("steps", self.steps.map(|steps| steps.to_string())),
+            ("algorithm", name(self.algorithm.as_ref())),
+            ("backend", name(self.backend.as_ref())),
+            ("predictors", text(self.predictors.clone())),
+            ("train_p", self.train_p.clone()),
+        ] {
+            value.into_iter().for_each(|value| layer.set(key, &value));
+        }
+        layer
+    }
+
+    /// The command line of the run of one seed of a campaign, of which `jobs` go on at the same time.
+    pub(super) fn arguments_for(&self, seed: u64, jobs: usize) -> Result<Vec<OsString>> {
+        // A run that has begun knows its task.
+        let out = match &self.out {
+            Some(out) => out_of_seed(out, seed),
+            None => default_out(&Train { resume: false, seed: Some(seed), ..self.clone() }.resolve()?),
+        };
+        let began = RunFolder::has_run(&out);
+        if !(self.resume && began) {
+            // What cannot be is said before anything has begun.
+            Train { resume: false, ..self.clone() }.resolve()?;
+        }
+        let mut arguments: Vec<OsString> = ["train", "--set"].map(OsString::from).to_vec();
+        arguments.push(format!("seed={seed}").into());
+        let threads = (self.pace().threads / jobs).max(1);
+        for (option, value) in [
+            ("--out", Some(out.into())),
+            ("--task", self.task.clone().map(OsString::from)),
+            ("--steps", self.steps.map(|steps| steps.to_string().into())),
+            ("--algorithm", name(self.algorithm.as_ref()).map(OsString::from)),
+            ("--predictors", self.predictors.clone().map(OsString::from)),
+            ("--train-p", self.train_p.clone().map(OsString::from)),
+            ("--preset", name(Some(&self.preset)).map(OsString::from)),
+            ("--config", self.config.clone().map(OsString::from)),
+            ("--backend", name(self.backend.as_ref()).map(OsString::from)),
+            ("--threads", Some(threads.to_string().into())),
+            ("--wait", name(Some(&self.wait)).filter(|_| !self.in_process).map(OsString::from)),
+            ("--campaign", Some(std::process::id().to_string().into())),
+            ("--checkpoint-every", Some(self.checkpoint_every.to_string().into())),
+        ] {
+            if let Some(value) = value {
+                arguments.extend([option.into(), value]);
+            }
+        }
+        for (key, value) in &self.settings {
+            arguments.extend(["--set".into(), format!("{key}={value}").into()]);
+        }
+        let flags = [
+            ("--resume", self.resume && began),
+            ("--in-process", self.in_process),
+            ("--dry-run", self.dry_run),
+            ("--json", self.json),
+        ];
+        arguments.extend(flags.iter().filter(|(_, given)| *given).map(|(flag, _)| flag.into()));
+        Ok(arguments)
+    }
+
+    fn pace(&self) -> Pace {
+        Pace {
+            threads: threads(self.threads),
+            checkpoint_every: Duration::from_secs_f64(self.checkpoint_every),
+        }
+    }
+
+    fn print_plan(&self, config: &Config, out: &std::path::Path) -> Result<()> {
+        let plan = estimate(config, self.pace().threads)?;
+        let seconds = config.steps as f64 / plan.steps_per_second;
+        print(&format!(
+            "# {} would be written, up to {} MB\n# {} timesteps, {} updates, {} rows of metrics.csv\n# about {} \
+             at {} env steps/s (measured in-process, with {} threads), tests included\n{}",
+            out.display(),
+            plan.bytes.div_ceil(1_000_000),
+            config.steps,
+            plan.updates,
+            plan.rows,
+            HumanDuration(Duration::from_secs_f64(seconds)),
+            plan.steps_per_second.round(),
+            self.pace().threads,
+            config.to_toml(),
+        ))
+    }
+
+    fn summarise(&self, run: &Run, from: u64, elapsed: Duration) -> Result<()> {
+        let (config, steps) = (run.config(), run.timestep());
+        let per_second = (steps - from) as f64 / elapsed.as_secs_f64();
+        let folder = run.folder().display();
+        if self.json {
+            let tests = run.trials().iter().map(|trial| {
+                serde_json::json!({
+                    "imputer": trial.imputer,
+                    "p": trial.level,
+                    "return_mean": trial.return_mean,
+                    "return_std": trial.return_std,
+                    "imputation_rmse": trial.imputation_rmse,
+                })
+            });
+            return print_json(&serde_json::json!({
+                "task": config.task,
+                "seed": config.seed,
+                "out": run.folder(),
+                "timesteps": steps,
+                "env_steps_per_s": per_second,
+                "elapsed_s": elapsed.as_secs_f64(),
+                "trained_s": run.seconds(),
+                "tests": tests.collect::<Vec<_>>(),
+            }));
+        }
+        let words = format!(
+            "{}, seed {}: {steps} timesteps, {} of them in {:.1} s ({per_second:.0} env steps/s)\n{}wrote {folder}: \
+             policy.safetensors, metrics.csv, curves.svg, checkpoint.safetensors, config.toml\n",
+            config.task,
+            config.seed,
+            steps - from,
+            elapsed.as_secs_f64(),
+            returns_table(run.trials()),
+        );
+        print(&words)
+    }
+}
+
+/// The threads that were asked for, or one per core.
+pub(super) fn threads(wanted: Option<u32>) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    wanted.map_or_else(cores, |threads| threads as usize)
+}
+
+/// How a value is written on the command line.
+fn name(value: Option<&impl ValueEnum>) -> Option<String> {
+    let value = value.and_then(ValueEnum::to_possible_value);
+    value.map(|value| value.get_name().to_owned())
+}
+
+/// Where a run goes if nobody says so.
+fn default_out(config: &Config) -> PathBuf {
+    PathBuf::from("runs").join(format!("{}-{}", config.task, config.seed))
+}
+
+/// Mean returns of the last test, a row per imputer and a column per level.
+fn returns_table(trials: &[Trial]) -> String {
+    let Some(first) = trials.first() else { return String::new() };
+    let of_first = trials.iter().take_while(|trial| trial.imputer == first.imputer);
+    let mut header = vec!["return at".to_owned()];
+    header.extend(of_first.map(|trial| format!("p = {}", trial.level)));
+    let rows = trials.chunk_by(|a, b| a.imputer == b.imputer).map(|trials| {
+        let returns = trials.iter().map(|trial| format!("{:.1}", trial.return_mean));
+        std::iter::once(trials[0].imputer.clone()).chain(returns).collect()
+    });
+    table(&header.iter().map(String::as_str).collect::<Vec<_>>(), rows)
+}
+
+/// Tells how a run goes: a bar on a terminal, and else a line now and then.
+struct Reporter {
+    bar: ProgressBar,
+    on_terminal: bool,
+    began: (Instant, u64),
+    told: Instant,
+}
+
+/// Time between lines where there is no terminal.
+const BETWEEN_LINES: Duration = Duration::from_secs(10);
+
+impl Reporter {
+    fn new(run: &Run) -> Reporter {
+        let on_terminal = std::io::stderr().is_terminal();
+        let target = if on_terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let style = "{bar:30} {human_pos}/{human_len} env steps  {msg}";
+        let style = ProgressStyle::with_template(style).expect("the template is well-formed");
+        let bar = ProgressBar::with_draw_target(Some(run.config().steps), target).with_style(style);
+        let now = Instant::now();
+        Reporter { bar, on_terminal, began: (now, run.timestep()), told: now }
+    }
+
+    fn note(&mut self, run: &Run) {
+        let (timestep, steps) = (run.timestep(), run.config().steps);
+        let seconds = self.began.0.elapsed().as_secs_f64();
+        let per_second = (timestep - self.began.1) as f64 / seconds.max(1e-3);
+        let left = steps.saturating_sub(timestep) as f64 / per_second.max(1e-3);
+        let left = HumanDuration(Duration::from_secs_f64(left.min(1e9)));
+        let words = || format!("{per_second:.0}/s, {left:#} left{}", latest_returns(run.trials()));
+        if self.on_terminal {
+            self.bar.set_position(timestep.min(steps));
+            self.bar.set_message(words());
+        } else if self.told.elapsed() >= BETWEEN_LINES {
+            self.told = Instant::now();
+            tell(&format!("{timestep} of {steps} env steps, {}", words()));
+        }
+    }
+}
+
+/// The latest returns with everything and with nothing delivered.
+fn latest_returns(trials: &[Trial]) -> String {
+    let at = |level: f64| trials.iter().filter(move |trial| trial.level == level);
+    let everything = at(1.0).take(1).map(|trial| format!("; p = 1: {:.1}", trial.return_mean));
+    let nothing = at(0.0).map(|trial| format!(", p = 0 {}: {:.1}", trial.imputer, trial.return_mean));
+    everything.chain(nothing).collect()
+}
+
+/// Reads `1000000`, `1e6`, `5M` or `250k`.
+fn timesteps(text: &str) -> std::result::Result<u64, String> {
+    let (digits, scale) = match text.to_ascii_lowercase() {
+        t if t.ends_with('k') => (t[..t.len() - 1].to_owned(), 1e3),
+        t if t.ends_with('m') => (t[..t.len() - 1].to_owned(), 1e6),
+        t => (t, 1.0),
+    };
+    match digits.parse::<f64>().map(|x| x * scale) {
+        Ok(steps) if (1.0..9e15).contains(&steps) && steps.fract() == 0.0 => Ok(steps as u64),
+        _ => Err("expected a number of timesteps, such as 1000000, 1e6 or 1M".to_owned()),
+    }
+}
+
+fn key_value(text: &str) -> std::result::Result<(String, String), String> {
+    let (key, value) = text.split_once('=').ok_or("expected KEY=VALUE")?;
+    Ok((key.trim().to_owned(), value.trim().to_owned()))
+}
+
+pub(super) fn seconds(text: &str) -> std::result::Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if (0.0..=1e6).contains(&seconds) => Ok(seconds),
+        _ => Err("expected a number of seconds".to_owned()),
+    }
+}
