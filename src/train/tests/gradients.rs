@@ -1,0 +1,82 @@
+//! Gradients against the losses that they are of.
+
+use super::*;
+
+/// Moves weights along their gradient and back: the loss must change by the square of the gradient's norm.
+fn check_gradient(what: &str, values: &Flat, gradient: &Flat, mut loss: impl FnMut(&Flat) -> f64) {
+    let squared: f64 = gradient.all().iter().map(|&g| f64::from(g).powi(2)).sum();
+    // Short, because a ReLU or a clipped ratio bends the loss.
+    let distance = 2e-4 / squared.sqrt();
+    let mut at = |sign: f64| {
+        let mut moved = values.clone();
+        let pairs = moved.all_mut().iter_mut().zip(gradient.all());
+        pairs.for_each(|(value, g)| *value += (sign * distance) as f32 * g);
+        loss(&moved)
+    };
+    let slope = (at(1.0) - at(-1.0)) / (2.0 * distance);
+    assert!((slope / squared - 1.0).abs() < 1e-2, "{what}: the loss changes by {slope}, not {squared}");
+}
+
+#[test]
+fn the_gradient_of_an_actor_is_that_of_its_loss() {
+    for (kind, sharing) in kinds() {
+        let (settings, batch) = (settings(kind, sharing), batch(3));
+        let advantages = numbers(8, batch.actions.len());
+        for mut actor in team(settings.clone(), 1).actors {
+            actor.begin(N, &batch);
+            actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, true);
+            // A step away from the old policy, some ratios are clipped and some are not.
+            actor.parameters.step(0.05, 1.0);
+            actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, false);
+            let (values, gradient) = (actor.parameters.values.clone(), actor.parameters.gradient.clone());
+            check_gradient(&format!("{kind}, {sharing}"), &values, &gradient, |values| {
+                actor.parameters.values = values.clone();
+                actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, false);
+                actor.losses.loss
+            });
+        }
+    }
+}
+
+#[test]
+fn the_gradient_of_a_critic_is_that_of_its_loss() {
+    for input in [CriticInput::AllObservations, CriticInput::Joint, CriticInput::OwnObservation] {
+        for sharing in [Sharing::Separate, Sharing::Shared] {
+            let settings = Settings { critic_input: input, ..settings(ActorKind::Mlp, sharing) };
+            let batch = batch(4);
+            for mut critic in team(settings.clone(), 1).critics {
+                critic.begin(&settings, N, &batch, &batch.rewards);
+                critic.differentiate(batch.actions.len());
+                let (values, gradient) =
+                    (critic.parameters.values.clone(), critic.parameters.gradient.clone());
+                check_gradient(&format!("{input:?}, {sharing}"), &values, &gradient, |values| {
+                    critic.parameters.values = values.clone();
+                    critic.differentiate(batch.actions.len());
+                    critic.losses.loss
+                });
+            }
+        }
+    }
+}
+
+#[test]
+fn the_gradient_of_a_predictor_is_that_of_its_loss() {
+    let batch = batch(5);
+    let advantages = numbers(9, batch.actions.len());
+    for (objective, held) in [
+        (Objective::ValueAware { lambda: 2.0 }, vec![]),
+        (Objective::ValueAware { lambda: 1.0 }, vec![1, 4]),
+        (Objective::Maro, vec![]),
+    ] {
+        let mut predictor = still_predictor(objective, held, false);
+        let learn = |predictor: &mut Predictor| {
+            predictor.learn(&once(), batch.trajectories(), &advantages, &[batch.trajectories()]).unwrap()
+        };
+        learn(&mut predictor);
+        let (values, gradient) = (predictor.parameters.values.clone(), predictor.parameters.gradient.clone());
+        check_gradient(&format!("{objective:?}"), &values, &gradient, |values| {
+            predictor.parameters.values = values.clone();
+            learn(&mut predictor).loss
+        });
+    }
+}

@@ -1,0 +1,203 @@
+//! Updates against their definitions. That they are the paper's, `tests/verify.rs` shows on recorded ones.
+
+mod estimates;
+mod gradients;
+mod losses;
+mod predictors;
+mod state;
+
+use super::batch::gather;
+use super::memory::{Buffer, Flat};
+use super::network::Network;
+use super::*;
+use crate::nn::{ActorKind, Dims, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
+use crate::rng::{Draws, Purpose};
+use std::collections::HashMap;
+use std::time::{Duration, Instant};
+
+const N: usize = 3;
+const OBSERVATION: usize = 4;
+/// The second agent lacks two actions.
+const AVAILABLE: [usize; N] = [5, 3, 5];
+
+fn numbers(seed: u64, n: usize) -> Vec<f32> {
+    let mut draws = Draws::new(seed, Purpose::Reset, 0, 0);
+    (0..n).map(|_| draws.between(-1.0, 1.0) as f32).collect()
+}
+
+fn dims() -> Dims {
+    Dims { task: "toy".to_string(), n_agents: N, joint: 8, predicted: 6, n_actions: 5 }
+}
+
+fn batch(seed: u64) -> Batch {
+    let (episodes, steps) = (4, 6);
+    let rows = episodes * steps;
+    Batch {
+        episodes,
+        steps,
+        observations: numbers(seed, (rows + episodes) * N * OBSERVATION),
+        joint: numbers(seed + 1, (rows + episodes) * dims().joint),
+        estimates: Vec::new(),
+        actions: (0..rows * N).map(|at| (at * 7 % AVAILABLE[at % N]) as u8).collect(),
+        rewards: numbers(seed + 2, rows),
+    }
+}
+
+fn settings(actor: ActorKind, sharing: Sharing) -> Settings {
+    let predictor = |name| PredictorSpec { hidden: 5, ..PredictorSpec::paper(name) };
+    let networks = Networks {
+        actor,
+        sharing,
+        hidden: 12,
+        predictors: vec![predictor("value-aware"), predictor("maro")],
+    };
+    let objectives = [Objective::ValueAware { lambda: 1.0 }, Objective::Maro];
+    Settings {
+        networks,
+        critic_sharing: sharing,
+        predictors: objectives.map(PredictorSettings::paper).to_vec(),
+        entropy_coefficient: 0.5,
+        ..Settings::paper(actor)
+    }
+}
+
+fn team(settings: Settings, threads: usize) -> Team {
+    Team::untrained(settings, &dims(), OBSERVATION, &AVAILABLE, 5, threads)
+}
+
+fn kinds() -> impl Iterator<Item = (ActorKind, Sharing)> {
+    let kinds = [ActorKind::Mlp, ActorKind::Gru].into_iter();
+    kinds.flat_map(|kind| [(kind, Sharing::Separate), (kind, Sharing::Shared)])
+}
+
+fn weights(team: &Team) -> Vec<u32> {
+    team.networks().flat_map(|network| network.values.all()).map(|value| value.to_bits()).collect()
+}
+
+/// One step of a predictor in an update.
+fn once() -> Settings {
+    settings(ActorKind::Mlp, Sharing::Separate)
+}
+
+/// A predictor for `objective` that does not move.
+fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool) -> Predictor {
+    let spec = PredictorSpec { hidden: 5, held, ..PredictorSpec::paper("p") };
+    let settings =
+        PredictorSettings { objective, learning_rate: 0.0, largest_gradient: 0.1, carry_gradients };
+    Predictor::new(&spec, &settings, &dims(), Backend::Native, 2)
+}
+
+/// A team's state by name.
+fn saved(team: &Team) -> HashMap<String, Vec<f32>> {
+    team.state().into_iter().map(|(name, _, values)| (name, values.to_vec())).collect()
+}
+
+#[test]
+fn any_number_of_threads_comes_to_the_same_bits() {
+    for (kind, sharing) in kinds() {
+        let learn = |threads| {
+            let mut team = team(settings(kind, sharing), threads);
+            for seed in 0..3 {
+                let (batch, replay) = (batch(seed), batch(seed + 100));
+                team.update(&batch, &[replay.trajectories()]);
+            }
+            let losses = team.update(&batch(9), &[]).clone();
+            (weights(&team), losses)
+        };
+        let one = learn(1);
+        assert!(one.1.predictors[0].is_some() && one.1.predictors[1].is_none());
+        for threads in [2, 5] {
+            assert_eq!(learn(threads), one, "{kind}, {sharing}, {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn learner_and_agents_compute_the_same_bits() {
+    for (kind, sharing) in kinds() {
+        let settings = settings(kind, sharing);
+        let (team, batch) = (team(settings.clone(), 1), batch(1));
+        let mut values = Vec::new();
+        team.policy_values(&mut values);
+        let policy = Policy::new(&dims(), Meta::new("toy", 0), settings.networks.clone(), &values).unwrap();
+        for agent in 0..N {
+            let weights = &team.actors[agent.min(team.actors.len() - 1)].parameters.values;
+            let mut x = Buffer::default();
+            gather(&batch.joint, 1, dims().joint, &(agent..agent + 1), sharing.id_len(&dims()), &mut x);
+            let mut network = Network::new(Backend::Native, kind.into(), &[]);
+            let learned = network.forward(weights, batch.steps + 1, batch.episodes, &x);
+
+            let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
+            let mut hidden = vec![0.0; batch.episodes * actor.state_len()];
+            let mut logits = vec![0.0; batch.episodes * dims().n_actions];
+            let steps = batch.joint.chunks_exact(batch.episodes * dims().joint);
+            for (inputs, learned) in steps.zip(learned.chunks_exact(logits.len())) {
+                actor.forward(batch.episodes, inputs, &mut hidden, &mut scratch, &mut logits);
+                let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+                assert_eq!(bits(&logits), bits(learned), "{kind}, {sharing}, agent {agent}");
+            }
+        }
+    }
+}
+
+#[test]
+fn targets_follow_when_it_is_time() {
+    let mut team = team(Settings { target_interval: 3, ..settings(ActorKind::Mlp, Sharing::Separate) }, 1);
+    let start = team.critics[1].target.all().to_vec();
+    for update in 1..=7 {
+        team.update(&batch(update), &[]);
+        let critic = &team.critics[1];
+        assert_eq!(critic.target.all() == start, update < 3, "update {update}");
+        assert_eq!(critic.target.all() == critic.parameters.values.all(), update % 3 == 0, "update {update}");
+    }
+}
+
+#[test]
+fn every_network_is_timed() {
+    let mut team = team(settings(ActorKind::Gru, Sharing::Separate), 2);
+    assert_eq!(team.busy(), Busy::default());
+    let began = Instant::now();
+    team.update(&batch(1), &[batch(2).trajectories()]);
+    let (busy, passed) = (team.busy(), began.elapsed());
+    for part in [busy.actors, busy.critics, busy.predictors] {
+        assert!(part > Duration::ZERO && part <= 2 * passed);
+    }
+}
+
+#[test]
+fn operations_counted_by_hand() {
+    let settings = Settings { predictor_updates: 2, epochs: 3, ..settings(ActorKind::Gru, Sharing::Shared) };
+    let team = team(settings, 1);
+    // Ids behind 8 joint and 3 x 4 observed values; the first layer's input has no derivative.
+    let (first, cell, out) = (11 * 12, 2 * 12 * 36, 12 * 5);
+    let actor = 2 * (2 * first + 3 * (cell + out)) * 3 * (4 * 6 * N);
+    let (first, rest) = (15 * 12, 12 * 12 + 12);
+    let critic = 2 * (2 * first + 3 * rest) * 3 * (4 * 6 * N) + 2 * (first + rest) * (4 * 7 * N);
+    let (first, cell, out) = (8 * 5, 2 * 5 * 20, 5 * 12);
+    let predictor = |episodes: usize| 2 * (2 * first + 3 * (cell + out)) * 2 * (episodes * 5);
+    let expected = actor + critic + predictor(4) + predictor(7);
+    assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
+}
+
+#[test]
+fn candle_comes_to_the_same_weights() {
+    for (kind, sharing) in kinds() {
+        let learn = |backend| {
+            let mut team = team(Settings { backend, ..settings(kind, sharing) }, 2);
+            let start = saved(&team);
+            for seed in 0..3 {
+                team.update(&batch(seed), &[batch(seed + 100).trajectories()]);
+            }
+            (start, saved(&team))
+        };
+        let ((start, native), (_, candle)) = (learn(Backend::Native), learn(Backend::Candle));
+        let distance =
+            |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt();
+        for (name, found) in &native {
+            let (error, change) = (distance(found, &candle[name]), distance(found, &start[name]));
+            assert!(error <= 1e-3 * change, "{kind}, {sharing}, {name}: {error} of {change}");
+            assert!(change > 0.0 || name.starts_with("target"), "{name} moves");
+        }
+        assert_ne!(native, candle, "rounding tells them apart");
+    }
+}

@@ -1,0 +1,79 @@
+//! What predictors learn from, how, and what they say.
+
+use super::*;
+
+#[test]
+fn what_predictors_learn_from() {
+    let (batch, replay) = (batch(6), batch(7));
+    let advantages = numbers(10, batch.actions.len());
+    let learn = |objective, advantages: &[f32], replays: &[Trajectories]| {
+        still_predictor(objective, vec![], false).learn(&once(), batch.trajectories(), advantages, replays)
+    };
+    let ablation = Objective::ValueAware { lambda: 0.0 };
+    let alike = learn(ablation, &advantages, &[]);
+    assert_eq!(learn(Objective::Maro, &advantages, &[batch.trajectories()]), alike);
+    assert_ne!(learn(Objective::Maro, &advantages, &[replay.trajectories()]), alike);
+    assert_ne!(learn(Objective::ValueAware { lambda: 1.0 }, &advantages, &[]), alike);
+    assert_eq!(learn(Objective::Maro, &advantages, &[]), None, "nothing is stored yet");
+    let hopeless = vec![-2.0; advantages.len()];
+    assert_eq!(learn(Objective::ValueAware { lambda: 1.0 }, &hopeless, &[]), None, "no step counts");
+}
+
+#[test]
+fn several_steps_of_a_predictor_are_steps_in_a_row() {
+    let replays = [batch(20), batch(21), batch(22)];
+    let replays = replays.each_ref().map(Batch::trajectories);
+    let (batch, thrice) = (batch(6), Settings { predictor_updates: 3, ..once() });
+    let advantages = numbers(10, batch.actions.len());
+    for objective in [Objective::Maro, Objective::ValueAware { lambda: 1.0 }] {
+        let mut moving = still_predictor(objective, vec![], true);
+        moving.settings.learning_rate = 1e-2;
+        let mut one_by_one = moving.clone();
+        let loss = moving.learn(&thrice, batch.trajectories(), &advantages, &replays).unwrap().loss;
+        let mut losses = replays.map(|replay| {
+            one_by_one.learn(&once(), batch.trajectories(), &advantages, &[replay]).unwrap().loss
+        });
+        assert_eq!(moving.parameters.values.all(), one_by_one.parameters.values.all(), "{objective:?}");
+        assert_eq!(loss, losses.iter().sum::<f64>() / 3.0, "{objective:?}");
+        losses.sort_by(f64::total_cmp);
+        assert!(losses[0] < losses[2], "{objective:?} moves");
+    }
+}
+
+#[test]
+fn carried_gradients_are_clipped_and_added() {
+    let batch = batch(11);
+    let mut predictor = still_predictor(Objective::ValueAware { lambda: 0.0 }, vec![], true);
+    let mut gradient = || {
+        predictor.learn(&once(), batch.trajectories(), &[0.0; 72], &[]).unwrap();
+        predictor.parameters.gradient.all().to_vec()
+    };
+    let (first, second) = (gradient(), gradient());
+    let norm = first.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>().sqrt();
+    assert!(norm > 0.1, "there is something to clip: {norm}");
+    for (first, second) in first.iter().zip(&second) {
+        let expected = f64::from(*first) * (1.0 + 0.1 / norm);
+        assert!((f64::from(*second) - expected).abs() < 1e-5, "{second}, not {expected}");
+    }
+}
+
+#[test]
+fn what_predictors_say() {
+    let batch = batch(6);
+    let learn = |lambda, advantages: &[f32]| {
+        let mut predictor = still_predictor(Objective::ValueAware { lambda }, vec![], false);
+        let losses = predictor.learn(&once(), batch.trajectories(), advantages, &[]).unwrap();
+        let norm = predictor.parameters.squared_norm().sqrt();
+        assert_eq!(losses.gradient, norm);
+        losses
+    };
+    let advantages = numbers(10, 72);
+    let (alike, weighted) = (learn(0.0, &advantages), learn(1.0, &advantages));
+    assert!((alike.loss - alike.nll).abs() < 1e-9);
+    assert_eq!(weighted.nll, alike.nll);
+    assert_ne!(weighted.loss, weighted.nll);
+    // The likelihood is that of the agents' own parts: with weights for one agent alone, it is that part's.
+    let only = |agent: usize| (0..72).map(|at| if at % N == agent { 0.0 } else { -1.0 }).collect::<Vec<_>>();
+    let parts: f64 = (0..N).map(|agent| learn(1.0, &only(agent)).loss).sum();
+    assert!((parts / N as f64 - alike.nll).abs() < 1e-6);
+}
