@@ -85,6 +85,7 @@ struct Measured {
 impl BenchTrain {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        super::keep_candle_to_its_thread()?;
         signals::install()?;
         let threads = super::train::threads(self.threads);
         let mut measured = Vec::new();

@@ -13,6 +13,7 @@ mod train;
 mod verify;
 
 use std::io::{ErrorKind, Write};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -122,6 +123,19 @@ fn print(text: &str) -> Result<()> {
 /// Writes a line of progress to stderr. Where that cannot be written there is nobody to tell.
 fn tell(line: &str) {
     let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Starts this command over with candle's own threads turned off, unless somebody has set their number: we
+/// run networks side by side already, and products this small are slower on several threads. candle reads the
+/// variable from the environment the process began with.
+fn keep_candle_to_its_thread() -> Result<()> {
+    const THREADS: &str = "RAYON_NUM_THREADS";
+    if std::env::var_os(THREADS).is_some() {
+        return Ok(());
+    }
+    let mut command = std::process::Command::new("/proc/self/exe");
+    let e = command.arg0("vamaro-swarm").args(std::env::args_os().skip(1)).env(THREADS, "1").exec();
+    Err(Error::Failed(format!("cannot start over with {THREADS}=1: {e}; set it yourself")))
 }
 
 /// Writes a value to stdout as one JSON object.

@@ -10,7 +10,7 @@ use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rustix::process::Signal;
 
 use super::campaign::{Campaign, Seeds, out_of_seed};
-use super::{print, print_json, table, tell};
+use super::{keep_candle_to_its_thread, print, print_json, table, tell};
 use crate::agents::process::leave_with;
 use crate::bus::Wait;
 use crate::error::Result;
@@ -134,6 +134,9 @@ impl Train {
             leave_with(process, Signal::TERM)?;
         }
         let config = self.resolve()?;
+        if config.backend == Backend::Candle {
+            keep_candle_to_its_thread()?;
+        }
         let out = self.out.clone().unwrap_or_else(|| default_out(&config));
         if self.dry_run {
             return self.print_plan(&config, &out);

@@ -3,7 +3,7 @@
 use super::{Figure, Panel, Point, Series};
 use crate::error::Result;
 use crate::metrics::Metrics;
-use crate::stats::mean;
+use crate::stats::{mean, std};
 use crate::usage;
 
 /// The curves of one run, or of runs that differ in their seed: their mean and a band of one standard deviation
@@ -80,13 +80,6 @@ fn series(runs: &[Metrics], predictor: &str, level: f64) -> Option<Series> {
         n => format!("{predictor} ({n} of {} runs)", runs.len()),
     };
     Some(Series { name, points })
-}
-
-/// The unbiased standard deviation; `None` for fewer than two values.
-fn std(values: &[f64]) -> Option<f64> {
-    let mean = mean(values);
-    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (values.len() > 1).then(|| (squares / (values.len() - 1) as f64).sqrt())
 }
 
 #[cfg(test)]

@@ -148,12 +148,14 @@ impl Run {
             }
             Err(Stopped::Otherwise(error)) => error,
         };
-        self.save()?;
-        let on = format!(
-            "all up to timestep {} is kept; go on with `vamaro-swarm train --resume --out {}`",
-            self.timestep(),
-            self.folder().display()
-        );
+        let resume = format!("go on with `vamaro-swarm train --resume --out {}`", self.folder().display());
+        let on = match self.save() {
+            Ok(()) => format!("all up to timestep {} is kept; {resume}", self.timestep()),
+            Err(e) if e.to_string() == stopped.to_string() => {
+                format!("the checkpoint before is kept; {resume}")
+            }
+            Err(e) => format!("{e}, but the checkpoint before is kept; {resume}"),
+        };
         Err(match stopped {
             Error::Interrupted(_) => Error::Interrupted(format!("interrupted; {on}")),
             Error::Failed(why) => Error::Failed(format!("{why}; {on}")),

@@ -74,7 +74,8 @@ fn play(
     let settings = AgentSettings {
         task: config.task.clone(),
         policy: PolicySource::Training,
-        imputer: imputer.clone(),
+        // Where everything is delivered, whoever imputes has nothing to do.
+        imputer: if level == 1.0 { ImputerName::Hold } else { imputer.clone() },
         greedy: false,
         seed: config.seed,
         worlds: config.test_episodes.min(WORLDS) as usize,
