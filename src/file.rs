@@ -34,6 +34,9 @@ impl AtomicFile {
             }
             _ => {}
         }
+        if !folder.is_dir() {
+            return Err(Error::io("write", path, format!("there is no folder {}", folder.display())));
+        }
         let file = tempfile::Builder::new()
             .prefix(".vamaro-swarm-")
             // What the user's umask leaves of it.
@@ -47,7 +50,7 @@ impl AtomicFile {
     /// Writes a whole file at once.
     pub fn write(path: &Path, content: &[u8]) -> Result<()> {
         let mut file = AtomicFile::create(path)?;
-        file.write_all(content).map_err(|e| Error::io("write", path, e))?;
+        file.write_all(content).map_err(|e| Error::io("write", path, e.kind()))?;
         file.commit()
     }
 
@@ -59,9 +62,9 @@ impl AtomicFile {
     /// Puts the complete file in its place.
     pub fn commit(self) -> Result<()> {
         let AtomicFile { writer, path } = self;
-        let file = writer.into_inner().map_err(|e| Error::io("write", &path, e.error()))?;
-        file.as_file().sync_all().map_err(|e| Error::io("write", &path, e))?;
-        file.persist(&path).map(drop).map_err(|e| Error::io("write", &path, e.error))
+        let file = writer.into_inner().map_err(|e| Error::io("write", &path, e.error().kind()))?;
+        file.as_file().sync_all().map_err(|e| Error::io("write", &path, e.kind()))?;
+        file.persist(&path).map(drop).map_err(|e| Error::io("write", &path, e.error.kind()))
     }
 }
 

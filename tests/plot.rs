@@ -7,12 +7,11 @@ use std::path::{Path, PathBuf};
 use common::{command, fail, stderr, succeed};
 use tempfile::TempDir;
 
-/// The folder of a run of this task: four tests of two predictors at two levels.
-fn run_of(task: &str, parent: &TempDir, name: &str, shift: f64) -> PathBuf {
+/// The folder of a run with these settings: four tests of two predictors at two levels.
+fn run_of(settings: &str, parent: &TempDir, name: &str, shift: f64) -> PathBuf {
     let folder = parent.path().join(name);
     std::fs::create_dir(&folder).unwrap();
-    std::fs::write(folder.join("config.toml"), format!("seed = 1\ntask = \"{task}\"\n[train]\nlr = 1e-4\n"))
-        .unwrap();
+    std::fs::write(folder.join("config.toml"), settings).unwrap();
     let mut text = String::from("timestep,entropy");
     for predictor in ["value-aware", "maro"] {
         for level in [1.0, 0.2] {
@@ -31,7 +30,7 @@ fn run_of(task: &str, parent: &TempDir, name: &str, shift: f64) -> PathBuf {
 }
 
 fn hear_see(parent: &TempDir, name: &str, shift: f64) -> PathBuf {
-    run_of("hear-see", parent, name, shift)
+    run_of("task = \"hear-see\"", parent, name, shift)
 }
 
 fn read(path: &Path) -> String {
@@ -43,7 +42,7 @@ fn one_run() {
     let here = tempfile::tempdir().unwrap();
     let folder = hear_see(&here, "a", 0.0);
     let said = succeed(&format!("plot {}", folder.display()));
-    assert!(said.contains("a/curves.svg: hear-see: 1 run, 2000 environment steps"), "{said}");
+    assert!(said.contains("a/curves.svg: hear-see: 1 run, up to 2000 env steps"), "{said}");
     let chart = read(&folder.join("curves.svg"));
     for text in
         ["hear-see: return of tests while training (one run)", "p = 1<", "p = 0.2<", "value-aware", "maro"]
@@ -97,7 +96,7 @@ fn what_is_no_run() {
     std::fs::write(here.path().join("metrics.csv"), "timestep,entropy\n250,1\n").unwrap();
     fail(&format!("plot {there}"), 2, &["no metrics of tests"]);
     std::fs::write(here.path().join("config.toml"), "task = ").unwrap();
-    fail(&format!("plot {there}"), 1, &["config.toml"]);
+    fail(&format!("plot {there}"), 2, &["config.toml is not TOML"]);
 }
 
 #[test]
@@ -111,15 +110,17 @@ fn damaged_metrics() {
 }
 
 #[test]
-fn runs_of_different_tasks() {
+fn runs_that_have_no_mean() {
     let here = tempfile::tempdir().unwrap();
-    let [a, b] = [hear_see(&here, "a", 0.0), run_of("spread-xy-4", &here, "b", 0.0)];
-    fail(
-        &format!("plot {} {} --out -", a.display(), b.display()),
-        2,
-        &["different tasks", "hear-see", "spread-xy-4"],
-    );
-    succeed(&format!("plot {} {} --out -", a.display(), b.join("metrics.csv").display()));
+    let [a, b] = [hear_see(&here, "a", 0.0), run_of("task = \"spread-xy-4\"", &here, "b", 0.0)];
+    let c = run_of("clip = 0.3", &here, "c", 0.0);
+    let plot = |other: &Path| format!("plot {} {} --out -", a.display(), other.display());
+    fail(&plot(&b), 2, &["different settings", "hear-see", "spread-xy-4"]);
+    fail(&plot(&c), 2, &["`clip` is 0.2", "0.3"]);
+    fail(&plot(&a), 2, &["named twice"]);
+    // Seeds and lengths may differ, and a file alone has no settings.
+    succeed(&plot(&run_of("seed = 7\nsteps = 1000", &here, "d", 0.0)));
+    succeed(&plot(&b.join("metrics.csv")));
 }
 
 #[test]

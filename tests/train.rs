@@ -319,9 +319,14 @@ fn a_dry_run_plans_and_writes_nothing() {
     let folder = Folder::new();
     let out = folder.path("run");
     let plan = succeed(&format!("train {SMALL} --steps 1M --dry-run --out {}", out.display()));
-    for part in
-        ["1000000 timesteps", "4000 updates", "env steps/s", " MB", "hidden = 32", "task = \"hear-see\""]
-    {
+    for part in [
+        "1000000 env steps to go",
+        "4000 updates",
+        "env steps/s",
+        " MB",
+        "hidden = 32",
+        "task = \"hear-see\"",
+    ] {
         assert!(plan.contains(part), "{part} is not in {plan}");
     }
     assert!(!out.exists());

@@ -41,16 +41,16 @@ Examples:
   vamaro-swarm bench train
   vamaro-swarm bench train --tasks spread-xy-12 --seconds 10 --json
 
-Each figure is the median of the rounds; in a round everything is measured in turn. Counted are rollouts by
-agent processes and updates of policy and value-aware predictor; what each further predictor and the tests
-add is said apart.")]
+Each figure is the median of the rounds, in each of which everything is measured in turn.
+Rollouts by agent processes count, and updates of the policy and the value-aware predictor;
+what another predictor and the tests add is said apart.")]
 pub struct BenchTrain {
     /// Tasks to train; by default one of each of the paper's settings
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "hear-see,spread-xy-4")]
     tasks: Vec<String>,
 
     /// Seconds of each measurement
-    #[arg(long, value_name = "S", default_value_t = 3.0, value_parser = super::train::seconds)]
+    #[arg(long, value_name = "S", default_value_t = 3.0, value_parser = some_seconds)]
     seconds: f64,
 
     /// Rounds
@@ -115,7 +115,7 @@ impl BenchTrain {
             rate / 1e9
         ))?;
         let columns: Vec<_> = measured.iter().map(|measured| measured.column(rate, threads)).collect();
-        let rows = ROWS.iter().enumerate().map(|(at, name)| {
+        let rows = FIGURES.iter().enumerate().map(|(at, (_, name))| {
             std::iter::once((*name).to_owned())
                 .chain(columns.iter().map(|column| column[at].clone()))
                 .collect()
@@ -126,23 +126,23 @@ impl BenchTrain {
     }
 }
 
-/// What is said of a task, line by line.
-const ROWS: [&str; 15] = [
-    "env steps/s",
-    "the same with --backend candle",
-    "ratio to candle",
-    "one update and its rollout, ms",
-    "  rollout, ms",
-    "  actors, ms",
-    "  critics, ms",
-    "  predictors, ms",
-    "  other, ms",
-    "GFLOP of an update",
-    "GFLOP/s, rollouts included",
-    "  share of the matmul rate",
-    "GFLOP/s of the update alone",
-    "maro beside value-aware, ms an update",
-    "tests every 50k timesteps, ms an update",
+/// What is said of a task: the name for programs, and the line for people.
+const FIGURES: [(&str, &str); 15] = [
+    ("env_steps_per_s", "env steps/s"),
+    ("candle_env_steps_per_s", "the same with --backend candle"),
+    ("ratio_to_candle", "ratio to candle"),
+    ("update_ms", "one update and its rollout, ms"),
+    ("rollout_ms", "  rollout, new weights, ms"),
+    ("actors_ms", "  actors, ms"),
+    ("critics_ms", "  critics, ms"),
+    ("predictors_ms", "  predictors, ms"),
+    ("other_ms", "  other: waiting for a thread, ms"),
+    ("update_gflop", "GFLOP of an update"),
+    ("gflop_per_s", "GFLOP/s, rollouts included"),
+    ("share_of_matmul", "  share of the matmul rate"),
+    ("update_gflop_per_s", "GFLOP/s of the update alone"),
+    ("maro_ms", "maro beside value-aware, ms an update"),
+    ("tests_ms", "tests every 50k env steps, ms an update"),
 ];
 
 impl Measured {
@@ -172,8 +172,8 @@ impl Measured {
         rounds[rounds.len() / 2]
     }
 
-    /// By the names in [`ROWS`].
-    fn values(&self, rate: f64, threads: usize) -> [f64; ROWS.len()] {
+    /// In the order of [`FIGURES`].
+    fn values(&self, rate: f64, threads: usize) -> [f64; FIGURES.len()] {
         let per_second =
             |rounds: &[Throughput]| median(rounds.iter().map(Throughput::env_steps_per_second).collect());
         let per_update =
@@ -207,20 +207,20 @@ impl Measured {
     }
 
     fn column(&self, rate: f64, threads: usize) -> Vec<String> {
-        let write = |(name, value): (&&str, f64)| match *name {
-            name if name.contains("share") => format!("{:.0} %", 100.0 * value),
-            name if name.contains("ms") || name.contains("ratio") => format!("{value:.2}"),
-            "GFLOP of an update" => format!("{value:.2}"),
+        let write = |((key, _), value): (&(&str, &str), f64)| match *key {
+            "share_of_matmul" => format!("{:.0} %", 100.0 * value),
+            key if key.ends_with("_ms") => format!("{value:.2}"),
+            "ratio_to_candle" | "update_gflop" => format!("{value:.2}"),
             _ => format!("{value:.0}"),
         };
-        ROWS.iter().zip(self.values(rate, threads)).map(write).collect()
+        FIGURES.iter().zip(self.values(rate, threads)).map(write).collect()
     }
 
     fn json(&self, rate: f64, threads: usize) -> serde_json::Value {
-        let values = ROWS.iter().zip(self.values(rate, threads));
-        let values: serde_json::Map<_, _> =
-            values.map(|(name, value)| (name.trim().to_owned(), json!(value))).collect();
-        json!({ "task": self.config.task, "figures": values })
+        let values = FIGURES.iter().zip(self.values(rate, threads));
+        let values = values.map(|((key, _), value)| ((*key).to_owned(), json!(value)));
+        let task = ("task".to_owned(), json!(self.config.task));
+        std::iter::once(task).chain(values).collect::<serde_json::Map<_, _>>().into()
     }
 }
 
@@ -236,6 +236,14 @@ impl BenchTrain {
 
     fn measure_with(&self, trainer: &mut Trainer, agents: &mut impl Team) -> Result<Throughput> {
         Throughput::measure(trainer, agents, Duration::from_secs_f64(self.seconds))
+    }
+}
+
+/// Too short a time measures nothing.
+fn some_seconds(text: &str) -> std::result::Result<f64, String> {
+    match super::train::seconds(text)? {
+        seconds if seconds >= 0.1 => Ok(seconds),
+        _ => Err("expected 0.1 seconds or more".to_owned()),
     }
 }
 

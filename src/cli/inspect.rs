@@ -9,22 +9,28 @@ use crate::error::Result;
 use crate::nn::PolicyFile;
 use crate::recording::Recording;
 use crate::stats::mean;
+use crate::train::{Checkpoint, Progress};
 use crate::usage;
 use crate::verify::FileKind;
 
-/// Say what a policy, trace or recording holds
+/// Say what a policy, checkpoint, trace or recording holds
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// A policy file (.safetensors), or a trace or recording (.json)
+    /// A policy file or checkpoint (.safetensors), a trace or recording (.json), or the folder of a training run
     file: PathBuf,
 }
 
 impl Inspect {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let file = &self.file;
+        let in_folder = self.file.join("policy.safetensors");
+        let file = if self.file.is_dir() { &in_folder } else { &self.file };
         match FileKind::of(file)? {
-            FileKind::Policy | FileKind::Tensors => inspect_policy(file),
+            FileKind::Policy => inspect_policy(file),
+            FileKind::Tensors => match Checkpoint::open(file) {
+                Ok(checkpoint) => inspect_checkpoint(&checkpoint),
+                Err(_) => inspect_policy(file),
+            },
             FileKind::Recording => inspect_recording(file),
             FileKind::StateDict => Err(usage!(
                 "{} is a state dict of PyTorch; `vamaro-swarm import` makes a policy file of it",
@@ -60,6 +66,17 @@ fn inspect_policy(path: &Path) -> Result<()> {
         networks.hidden,
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
         file.n_parameters()
+    ))
+}
+
+fn inspect_checkpoint(checkpoint: &Checkpoint) -> Result<()> {
+    let Progress { episodes, rows, seconds, .. } = checkpoint.progress;
+    print(&format!(
+        "checkpoint of a training run\nprogress    {} of {} env steps, {episodes} episodes, {rows} rows of metrics\n\
+         time        {seconds:.1} s\n\n{}",
+        checkpoint.progress.timestep(),
+        checkpoint.config.steps,
+        checkpoint.config.to_toml()
     ))
 }
 

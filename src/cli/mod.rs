@@ -6,6 +6,7 @@ mod doctor;
 mod import;
 mod inspect;
 mod plot;
+mod reporter;
 mod spawn;
 mod summary;
 mod tasks;
@@ -52,7 +53,7 @@ enum Command {
     Tasks(tasks::Tasks),
     /// Turn a policy of the paper's published code into a policy file
     Import(import::Import),
-    /// Say what a policy, trace or recording holds
+    /// Say what a policy, checkpoint, trace or recording holds
     Inspect(inspect::Inspect),
     /// Recompute recordings, traces and updates and compare
     Verify(verify::Verify),

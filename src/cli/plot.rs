@@ -1,17 +1,16 @@
 //! `plot`: learning curves of training runs.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde::Deserialize;
 
 use super::print;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::file::AtomicFile;
 use crate::metrics::{self, Metrics};
 use crate::plot::curves;
-use crate::{failed, usage};
+use crate::train::{Config, Layer, Preset};
+use crate::usage;
 
 /// Draw the learning curves of a training run, or the mean of several
 #[derive(Debug, Args)]
@@ -39,8 +38,9 @@ impl Plot {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         let runs: Vec<Run> = self.runs.iter().map(|path| Run::read(path)).collect::<Result<_>>()?;
-        let task = common_task(&runs)?;
-        let name = task.map_or(String::new(), |task| format!("{task}: "));
+        check_alike(&runs)?;
+        let config = runs.iter().find_map(|run| run.config.as_ref());
+        let name = config.map_or(String::new(), |config| format!("{}: ", config.task));
         let metrics: Vec<Metrics> = runs.iter().map(|run| run.metrics.clone()).collect();
         let chart = curves(&metrics, &format!("{name}return of tests while training"))?;
         let out = match (&self.out, &runs[..]) {
@@ -49,16 +49,13 @@ impl Plot {
             (None, [run]) => run.file.with_file_name("curves.svg"),
             (None, _) => PathBuf::from("curves.svg"),
         };
-        let mut file = AtomicFile::create(&out)?;
-        file.write_all(chart.as_bytes()).map_err(|e| Error::io("write", &out, e))?;
-        file.commit()?;
-        let steps = metrics.iter().filter_map(|metrics| metrics.timesteps.last()).max();
+        AtomicFile::write(&out, chart.as_bytes())?;
         print(&format!(
-            "wrote {}: {name}{} run{}, {} environment steps\n",
+            "wrote {}: {name}{} run{}, up to {} env steps\n",
             out.display(),
             runs.len(),
             if runs.len() == 1 { "" } else { "s" },
-            steps.unwrap_or(&0)
+            last_in_common(&runs).unwrap_or(0)
         ))
     }
 }
@@ -67,14 +64,14 @@ impl Plot {
 struct Run {
     file: PathBuf,
     /// `None` for metrics without the settings of their run.
-    task: Option<String>,
+    config: Option<Config>,
     metrics: Metrics,
 }
 
 impl Run {
     fn read(path: &Path) -> Result<Run> {
         if !path.is_dir() {
-            return Ok(Run { file: path.to_owned(), task: None, metrics: Metrics::read(path)? });
+            return Ok(Run { file: path.to_owned(), config: None, metrics: Metrics::read(path)? });
         }
         let file = path.join(metrics::FILE);
         if !file.exists() {
@@ -84,34 +81,44 @@ impl Run {
                 path.display()
             ));
         }
-        Ok(Run { task: task(&path.join("config.toml"))?, metrics: Metrics::read(&file)?, file })
+        let settings = path.join("config.toml");
+        let config = match settings.exists() {
+            true => Some(Config::resolve(Preset::Paper, &[Layer::read(&settings)?])?),
+            false => None,
+        };
+        Ok(Run { config, metrics: Metrics::read(&file)?, file })
     }
 }
 
-/// The task of a run with these settings; `None` if there is no such file.
-fn task(settings: &Path) -> Result<Option<String>> {
-    #[derive(Deserialize)]
-    struct Settings {
-        task: String,
+/// Runs have a mean if they differ in their seed and length only.
+fn check_alike(runs: &[Run]) -> Result<()> {
+    for (at, run) in runs.iter().enumerate() {
+        let same = |other: &&Run| other.file.canonicalize().ok() == run.file.canonicalize().ok();
+        if runs[..at].iter().any(|other| same(&other)) {
+            return Err(usage!("{} is named twice", run.file.display()));
+        }
     }
-    if !settings.exists() {
-        return Ok(None);
+    let mut known = runs.iter().filter_map(|run| Some((run, run.config.as_ref()?)));
+    let Some((first, config)) = known.next() else { return Ok(()) };
+    for (run, other) in known {
+        let differences = config.differences(other);
+        let what = differences.iter().find(|(key, ..)| !["seed", "steps"].contains(&&key[..]));
+        if let Some((key, here, there)) = what {
+            return Err(usage!(
+                "runs with different settings have no mean: `{key}` is {here} in {} and {there} in {}; plot them \
+                 apart",
+                first.file.display(),
+                run.file.display()
+            ));
+        }
     }
-    let text = std::fs::read_to_string(settings).map_err(|e| Error::io("read", settings, e))?;
-    let Settings { task } = toml::from_str(&text).map_err(|e| failed!("{}: {e}", settings.display()))?;
-    Ok(Some(task))
+    Ok(())
 }
 
-/// The task of all runs that know theirs.
-fn common_task(runs: &[Run]) -> Result<Option<&str>> {
-    let mut known = runs.iter().filter_map(|run| Some((run, run.task.as_deref()?)));
-    let Some((first, task)) = known.next() else { return Ok(None) };
-    match known.find(|(_, other)| *other != task) {
-        None => Ok(Some(task)),
-        Some((run, other)) => Err(usage!(
-            "runs of different tasks have no mean: {} is of {task}, {} of {other}",
-            first.file.display(),
-            run.file.display()
-        )),
-    }
+/// The last timestep that all runs have.
+fn last_in_common(runs: &[Run]) -> Option<u64> {
+    let (first, others) = runs.split_first()?;
+    let in_all =
+        |timestep: &&u64| others.iter().all(|run| run.metrics.timesteps.binary_search(timestep).is_ok());
+    first.metrics.timesteps.iter().rev().find(in_all).copied()
 }

@@ -12,7 +12,7 @@ use crate::agents::{AgentSettings, ImputerName, PolicySource};
 use crate::bus::Wait;
 use crate::error::{Error, Result};
 use crate::link::{CommunicationMatrix, LinkModel, Links, complement};
-use crate::nn::Policy;
+use crate::nn::{Policy, PolicyFile};
 use crate::recording::{Header, Recorder};
 use crate::rng::MAX_AGENTS;
 use crate::supervisor::{Audit, InProcess, Processes, Session, Statistics, Team, signals};
@@ -23,7 +23,8 @@ use crate::{failed, usage};
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Spawn {
-    /// Task: an id or alias from `vamaro-swarm tasks` [default: hear-see, or the one of --agents]
+    /// Task: an id or alias from `vamaro-swarm tasks` [default: that of --policy or
+    /// --agents, else hear-see]
     #[arg(long, value_name = "T")]
     task: Option<String>,
 
@@ -108,9 +109,9 @@ impl Spawn {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         signals::install()?;
-        let task = self.find_task()?;
-        let links = self.find_links(&task)?;
         let source = policy_source(&self.policy, self.seed)?;
+        let task = self.find_task(&source)?;
+        let links = self.find_links(&task)?;
         let policy = source.load(&task)?;
         let settings = self.settings(&task, source, &policy)?;
         let recorder = match &self.record {
@@ -181,9 +182,14 @@ impl Spawn {
         }
     }
 
-    fn find_task(&self) -> Result<Task> {
+    fn find_task(&self, policy: &PolicySource) -> Result<Task> {
         let (name, agents) = match (&self.task, self.agents) {
-            (None, None) => return Task::parse("hear-see"),
+            (None, None) => {
+                return match policy {
+                    PolicySource::File(path) => Task::parse(&PolicyFile::read(path)?.meta.task),
+                    _ => Task::parse("hear-see"),
+                };
+            }
             (None, Some(agents)) => return Task::by_team_size(agents),
             (Some(name), None) => return Task::parse(name),
             (Some(name), Some(agents)) => (name, agents),

@@ -78,7 +78,7 @@ impl Summary<'_> {
         match &self.settings.policy {
             PolicySource::Untrained(_) => self.settings.policy.to_string(),
             source => {
-                format!("{source}: {}, {} M env steps", self.policy.origin, self.policy.steps as f64 / 1e6)
+                format!("{source}: {}, {} env steps", self.policy.origin, thousands(self.policy.steps))
             }
         }
     }
@@ -133,6 +133,15 @@ impl Summary<'_> {
 /// A quantile of the tick time in microseconds, to the nanosecond it is known to.
 fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
     statistics.tick_time(quantile).as_nanos() as f64 / 1e3
+}
+
+/// A number of steps with its unit: millions or thousands where there are some.
+fn thousands(steps: u64) -> String {
+    match steps {
+        1_000_000.. => format!("{} M", steps as f64 / 1e6),
+        1_000.. => format!("{} k", steps as f64 / 1e3),
+        _ => steps.to_string(),
+    }
 }
 
 fn counted(n: u64, what: &str) -> String {

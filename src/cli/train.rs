@@ -1,21 +1,24 @@
 //! `train`: teach a team, alone or seed by seed.
 
 use std::ffi::OsString;
-use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
-use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::HumanDuration;
 use rustix::process::Signal;
+use serde_json::json;
 
 use super::campaign::{Campaign, Seeds, out_of_seed};
-use super::{keep_candle_to_its_thread, print, print_json, table, tell};
+use super::reporter::Reporter;
+use super::{keep_candle_to_its_thread, print, print_json, table};
 use crate::agents::process::leave_with;
 use crate::bus::Wait;
 use crate::error::Result;
 use crate::supervisor::{InProcess, Processes, signals};
-use crate::train::{Algorithm, Backend, Config, Layer, Pace, Preset, Run, RunFolder, Trial, estimate};
+use crate::train::{
+    Algorithm, Backend, Checkpoint, Config, Layer, Pace, Preset, Run, RunFolder, Trial, estimate,
+};
 use crate::usage;
 
 /// Teach a team: MAPPO or IPPO, and predictors beside it
@@ -34,8 +37,8 @@ pub struct Train {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 
-    /// Timesteps to train for, such as 1000000, 1e6 or 1M [default: 5M]
-    #[arg(long, value_name = "N", value_parser = timesteps)]
+    /// Env steps to train for, such as 1000000, 1e6 or 1M [default: 5M]
+    #[arg(long, value_name = "N", value_parser = timesteps, allow_negative_numbers = true)]
     steps: Option<u64>,
 
     /// Critics that see all observations (mappo), or what actors see (ippo) [default: mappo]
@@ -43,17 +46,17 @@ pub struct Train {
     algorithm: Option<Algorithm>,
 
     /// Predictors that learn beside the policy: value-aware, maro, lambda0, maro-carry
-    /// [default: value-aware,maro]
+    /// or none [default: value-aware,maro]
     #[arg(long, value_name = "LIST")]
     predictors: Option<String>,
 
     /// Probability of delivery while the policy trains, or `uniform`, a level per episode [default: 1]
-    #[arg(long, value_name = "P")]
+    #[arg(long, value_name = "P", allow_negative_numbers = true)]
     train_p: Option<String>,
 
-    /// What all other settings start from
-    #[arg(long, value_enum, default_value_t)]
-    preset: Preset,
+    /// What all other settings of a new run start from [default: paper]
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
 
     /// A TOML file with settings, as in the config.toml of a run
     #[arg(long, value_name = "FILE")]
@@ -93,10 +96,11 @@ pub struct Train {
     wait: Wait,
 
     /// The longest time between checkpoints, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = seconds,
+        allow_negative_numbers = true)]
     checkpoint_every: f64,
 
-    /// Say what would be done, with all settings, time and disk, and do nothing
+    /// Say what would be done: all settings, time (measured for some seconds), disk and memory; write nothing
     #[arg(long)]
     dry_run: bool,
 
@@ -138,6 +142,10 @@ impl Train {
             keep_candle_to_its_thread()?;
         }
         let out = self.out.clone().unwrap_or_else(|| default_out(&config));
+        match self.resume {
+            true => RunFolder::check_run(&out)?,
+            false => RunFolder::check_free(&out)?,
+        }
         if self.dry_run {
             return self.print_plan(&config, &out);
         }
@@ -154,7 +162,7 @@ impl Train {
         } else {
             run.train(&mut Processes::start(&agents, &policy, self.wait)?, |run| reporter.note(run))
         };
-        reporter.bar.finish_and_clear();
+        reporter.finish();
         trained?;
         self.summarise(&run, from, began.elapsed())
     }
@@ -163,7 +171,12 @@ impl Train {
     fn resolve(&self) -> Result<Config> {
         let mut layers = Vec::new();
         if self.resume {
-            layers.push(self.layer_of_run()?);
+            if self.preset.is_some() {
+                return Err(usage!(
+                    "--preset is for a new run; --resume goes on with the settings of the run"
+                ));
+            }
+            layers.push(Layer::parse(&self.checkpoint()?.config.to_toml(), "checkpoint")?);
         }
         if let Some(path) = &self.config {
             layers.push(Layer::read(path)?);
@@ -172,18 +185,15 @@ impl Train {
         self.settings.iter().for_each(|(key, value)| line.set(key, value));
         layers.push(line);
         layers.push(self.layer_of_options());
-        Config::resolve(self.preset, &layers)
+        Config::resolve(self.preset.unwrap_or_default(), &layers)
     }
 
-    /// What the run in the folder was told.
-    fn layer_of_run(&self) -> Result<Layer> {
+    /// The checkpoint of the run to go on with.
+    fn checkpoint(&self) -> Result<Checkpoint> {
         let out =
             self.out.as_ref().ok_or_else(|| usage!("--resume needs the folder of the run: --out DIR"))?;
-        let path = out.join("config.toml");
-        match path.exists() {
-            true => Layer::read(&path),
-            false => Err(usage!("there is no run to resume in {}: it has no config.toml", out.display())),
-        }
+        RunFolder::check_run(out)?;
+        Checkpoint::open(&RunFolder::checkpoint_in(out))
     }
 
     /// The options that are settings.
@@ -211,8 +221,8 @@ impl Train {
             Some(out) => out_of_seed(out, seed),
             None => default_out(&Train { resume: false, seed: Some(seed), ..self.clone() }.resolve()?),
         };
-        let began = RunFolder::has_run(&out);
-        if !(self.resume && began) {
+        let goes_on = self.resume && RunFolder::has_run(&out);
+        if !goes_on {
             // What cannot be is said before anything has begun.
             Train { resume: false, ..self.clone() }.resolve()?;
         }
@@ -226,7 +236,7 @@ impl Train {
             ("--algorithm", name(self.algorithm.as_ref()).map(OsString::from)),
             ("--predictors", self.predictors.clone().map(OsString::from)),
             ("--train-p", self.train_p.clone().map(OsString::from)),
-            ("--preset", name(Some(&self.preset)).map(OsString::from)),
+            ("--preset", name(self.preset.as_ref()).filter(|_| !goes_on).map(OsString::from)),
             ("--config", self.config.clone().map(OsString::from)),
             ("--backend", name(self.backend.as_ref()).map(OsString::from)),
             ("--threads", Some(threads.to_string().into())),
@@ -242,7 +252,7 @@ impl Train {
             arguments.extend(["--set".into(), format!("{key}={value}").into()]);
         }
         let flags = [
-            ("--resume", self.resume && began),
+            ("--resume", goes_on),
             ("--in-process", self.in_process),
             ("--dry-run", self.dry_run),
             ("--json", self.json),
@@ -258,20 +268,37 @@ impl Train {
         }
     }
 
-    fn print_plan(&self, config: &Config, out: &std::path::Path) -> Result<()> {
-        let plan = estimate(config, self.pace().threads)?;
-        let seconds = config.steps as f64 / plan.steps_per_second;
+    fn print_plan(&self, config: &Config, out: &Path) -> Result<()> {
+        let from = if self.resume { self.checkpoint()?.progress.timestep() } else { 0 };
+        let threads = threads(self.threads);
+        let plan = estimate(config, threads, from)?;
+        if self.json {
+            return print_json(&json!({
+                "out": out,
+                "from": from,
+                "steps": config.steps,
+                "updates": plan.updates,
+                "rows": plan.rows,
+                "env_steps_per_s": plan.steps_per_second,
+                "duration_s": plan.duration.as_secs_f64(),
+                "disk_bytes": plan.disk,
+                "memory_bytes": plan.memory,
+                "config": config,
+            }));
+        }
+        let goes_on = if from > 0 { format!("goes on from {from}; ") } else { String::new() };
         print(&format!(
-            "# {} would be written, up to {} MB\n# {} timesteps, {} updates, {} rows of metrics.csv\n# about {} \
-             at {} env steps/s (measured in-process, with {} threads), tests included\n{}",
+            "# {}: {goes_on}up to {} MB of disk, {} MB of memory\n# {} env steps to go, {} updates, {} rows of \
+             metrics.csv\n# about {} at {:.0} env steps/s, tests included (measured now, in-process, {threads} \
+             threads)\n{}",
             out.display(),
-            plan.bytes.div_ceil(1_000_000),
-            config.steps,
+            plan.disk.div_ceil(1_000_000),
+            plan.memory.div_ceil(1_000_000),
+            config.steps.saturating_sub(from),
             plan.updates,
             plan.rows,
-            HumanDuration(Duration::from_secs_f64(seconds)),
-            plan.steps_per_second.round(),
-            self.pace().threads,
+            HumanDuration(plan.duration),
+            plan.steps_per_second,
             config.to_toml(),
         ))
     }
@@ -279,18 +306,18 @@ impl Train {
     fn summarise(&self, run: &Run, from: u64, elapsed: Duration) -> Result<()> {
         let (config, steps) = (run.config(), run.timestep());
         let per_second = (steps - from) as f64 / elapsed.as_secs_f64();
-        let folder = run.folder().display();
         if self.json {
             let tests = run.trials().iter().map(|trial| {
-                serde_json::json!({
+                json!({
                     "imputer": trial.imputer,
                     "p": trial.level,
+                    "episodes": config.test_episodes,
                     "return_mean": trial.return_mean,
                     "return_std": trial.return_std,
                     "imputation_rmse": trial.imputation_rmse,
                 })
             });
-            return print_json(&serde_json::json!({
+            return print_json(&json!({
                 "task": config.task,
                 "seed": config.seed,
                 "out": run.folder(),
@@ -301,16 +328,17 @@ impl Train {
                 "tests": tests.collect::<Vec<_>>(),
             }));
         }
-        let words = format!(
-            "{}, seed {}: {steps} timesteps, {} of them in {:.1} s ({per_second:.0} env steps/s)\n{}wrote {folder}: \
-             policy.safetensors, metrics.csv, curves.svg, checkpoint.safetensors, config.toml\n",
-            config.task,
-            config.seed,
-            steps - from,
+        let (name, folder) = (format!("{}, seed {}", config.task, config.seed), run.folder().display());
+        if steps == from {
+            return print(&format!("{name}: {folder} has all of its {steps} env steps; more with --steps\n"));
+        }
+        let since = if from > 0 { format!(" from {from} on") } else { String::new() };
+        print(&format!(
+            "{name}: {steps} env steps{since} in {:.1} s ({per_second:.0}/s)\n{}wrote {folder}: policy.safetensors, \
+             metrics.csv, curves.svg, ..\n",
             elapsed.as_secs_f64(),
-            returns_table(run.trials()),
-        );
-        print(&words)
+            returns_table(run.trials(), config.test_episodes),
+        ))
     }
 }
 
@@ -332,63 +360,16 @@ fn default_out(config: &Config) -> PathBuf {
 }
 
 /// Mean returns of the last test, a row per imputer and a column per level.
-fn returns_table(trials: &[Trial]) -> String {
+fn returns_table(trials: &[Trial], episodes: u64) -> String {
     let Some(first) = trials.first() else { return String::new() };
     let of_first = trials.iter().take_while(|trial| trial.imputer == first.imputer);
-    let mut header = vec!["return at".to_owned()];
+    let mut header = vec![format!("return ({episodes} episodes)")];
     header.extend(of_first.map(|trial| format!("p = {}", trial.level)));
     let rows = trials.chunk_by(|a, b| a.imputer == b.imputer).map(|trials| {
         let returns = trials.iter().map(|trial| format!("{:.1}", trial.return_mean));
         std::iter::once(trials[0].imputer.clone()).chain(returns).collect()
     });
     table(&header.iter().map(String::as_str).collect::<Vec<_>>(), rows)
-}
-
-/// Tells how a run goes: a bar on a terminal, and else a line now and then.
-struct Reporter {
-    bar: ProgressBar,
-    on_terminal: bool,
-    began: (Instant, u64),
-    told: Instant,
-}
-
-/// Time between lines where there is no terminal.
-const BETWEEN_LINES: Duration = Duration::from_secs(10);
-
-impl Reporter {
-    fn new(run: &Run) -> Reporter {
-        let on_terminal = std::io::stderr().is_terminal();
-        let target = if on_terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        let style = "{bar:30} {human_pos}/{human_len} env steps  {msg}";
-        let style = ProgressStyle::with_template(style).expect("the template is well-formed");
-        let bar = ProgressBar::with_draw_target(Some(run.config().steps), target).with_style(style);
-        let now = Instant::now();
-        Reporter { bar, on_terminal, began: (now, run.timestep()), told: now }
-    }
-
-    fn note(&mut self, run: &Run) {
-        let (timestep, steps) = (run.timestep(), run.config().steps);
-        let seconds = self.began.0.elapsed().as_secs_f64();
-        let per_second = (timestep - self.began.1) as f64 / seconds.max(1e-3);
-        let left = steps.saturating_sub(timestep) as f64 / per_second.max(1e-3);
-        let left = HumanDuration(Duration::from_secs_f64(left.min(1e9)));
-        let words = || format!("{per_second:.0}/s, {left:#} left{}", latest_returns(run.trials()));
-        if self.on_terminal {
-            self.bar.set_position(timestep.min(steps));
-            self.bar.set_message(words());
-        } else if self.told.elapsed() >= BETWEEN_LINES {
-            self.told = Instant::now();
-            tell(&format!("{timestep} of {steps} env steps, {}", words()));
-        }
-    }
-}
-
-/// The latest returns with everything and with nothing delivered.
-fn latest_returns(trials: &[Trial]) -> String {
-    let at = |level: f64| trials.iter().filter(move |trial| trial.level == level);
-    let everything = at(1.0).take(1).map(|trial| format!("; p = 1: {:.1}", trial.return_mean));
-    let nothing = at(0.0).map(|trial| format!(", p = 0 {}: {:.1}", trial.imputer, trial.return_mean));
-    everything.chain(nothing).collect()
 }
 
 /// Reads `1000000`, `1e6`, `5M` or `250k`.

@@ -137,7 +137,7 @@ pub(crate) fn write_tensors(
         file.write_all(&header)?;
         tensors.iter().try_for_each(|(_, _, values)| file.write_all(bytemuck::cast_slice(values)))
     };
-    put().map_err(|error| Error::io("write", path, error))?;
+    put().map_err(|error| Error::io("write", path, error.kind()))?;
     file.commit()
 }
 

@@ -114,7 +114,7 @@ pub enum AdvantageKind {
 
 /// How links are while the policy trains.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected a probability from 0 to 1, or \"uniform\"")]
 pub enum TrainP {
     /// One level.
     Level(f64),
@@ -148,6 +148,9 @@ pub struct Layer {
     source: String,
     table: Table,
 }
+
+/// Beyond this a test would take longer than training, by mistake.
+const MOST_TEST_EPISODES: u64 = 1_000_000;
 
 /// How a predictor with this name learns.
 fn objective(name: &str, lambda: f64) -> Option<(Objective, bool)> {
@@ -254,20 +257,30 @@ impl Config {
 
     /// Says what makes no sense.
     fn check(&self) -> Result<()> {
-        let at_least_one = [
-            ("hidden", self.hidden),
-            ("n_steps", self.n_steps),
-            ("epochs", self.epochs),
-            ("target_interval", self.target_interval as usize),
-            ("batch_episodes", self.batch_episodes),
-            ("update_every", self.update_every),
-            ("predictor_updates", self.predictor_updates),
-            ("predictor_hidden", self.predictor_hidden),
-            ("replay_batch", self.replay_batch),
-            ("test_interval", self.test_interval as usize),
+        // Beyond these a run would fill the memory, or not end, by mistake.
+        let whole = [
+            ("n_steps", self.n_steps as u64, u64::MAX),
+            ("epochs", self.epochs as u64, 1000),
+            ("target_interval", self.target_interval, u64::MAX),
+            ("batch_episodes", self.batch_episodes as u64, 4096),
+            ("update_every", self.update_every as u64, 4096),
+            ("predictor_updates", self.predictor_updates as u64, 1000),
+            ("replay_episodes", self.replay_episodes as u64, 1_000_000),
+            ("replay_batch", self.replay_batch as u64, 4096),
+            ("test_interval", self.test_interval, u64::MAX),
+            ("steps", self.steps, 1 << 50),
         ];
-        if let Some((key, _)) = at_least_one.iter().find(|(_, value)| *value == 0) {
-            return Err(usage!("`{key}` is 0, expected 1 or more"));
+        if let Some((key, value, most)) = whole.iter().find(|(_, value, most)| !(1..=*most).contains(value)) {
+            return Err(match most {
+                &u64::MAX => usage!("`{key}` is {value}, expected 1 or more"),
+                most => usage!("`{key}` is {value}, expected 1 to {most}"),
+            });
+        }
+        if self.test_episodes > MOST_TEST_EPISODES {
+            return Err(usage!(
+                "`test_episodes` is {}, expected 0 to {MOST_TEST_EPISODES}",
+                self.test_episodes
+            ));
         }
         let positive = [
             ("learning_rate", self.learning_rate),
@@ -436,6 +449,7 @@ fn like(default: &Value, value: Value) -> Value {
         }
         (Value::Float(_), Value::Integer(n)) => Value::Float(n as f64),
         (Value::Array(_), Value::String(list)) => {
+            let list = if list == "none" { "" } else { &list };
             let items = list.split(',').map(str::trim).filter(|item| !item.is_empty());
             Value::Array(items.map(Value::from).collect())
         }
@@ -469,10 +483,24 @@ impl Layer {
     }
 
     fn refuse(&self, key: &str, error: &toml::de::Error) -> Error {
-        usage!("{}: `{key}`: {}", self.source, error.message())
+        // What the types of this program are called concerns nobody else.
+        let mut words = error.message().to_owned();
+        for (name, meaning) in [
+            ("a boolean", "true or false"),
+            ("f64", "a number"),
+            ("u64", "a whole number, 0 or more"),
+            ("usize", "a whole number, 0 or more"),
+            ("a sequence", "a list"),
+        ] {
+            words = words.replace(&format!("expected {name}"), &format!("expected {meaning}"));
+        }
+        usage!("{}: `{key}`: {words}", self.source)
     }
 
     fn unknown(&self, key: &str, known: &Table) -> Error {
+        if self.table[key].is_table() {
+            return usage!("{}: settings stand by themselves, not in a table like `[{key}]`", self.source);
+        }
         let nearest = known
             .keys()
             .max_by(|a, b| strsim::jaro_winkler(key, a).total_cmp(&strsim::jaro_winkler(key, b)))
@@ -527,7 +555,11 @@ mod tests {
     }
 
     #[test]
-    fn later_layers_count_more_and_numbers_are_read_as_meant() {
+    fn later_layers_count_more_and_values_are_read_as_meant() {
+        assert!(resolve(&[("predictors", "none")]).unwrap().predictors.is_empty());
+        let table = Layer::parse("[train]\nclip = 1", "x.toml").unwrap();
+        let error = Config::resolve(Preset::Paper, &[table]).unwrap_err().to_string();
+        assert!(error.contains("x.toml: settings stand by themselves"), "{error}");
         let file = Layer::parse("steps = 10\nclip = 1\nepochs = 2", "file.toml").unwrap();
         let line = layer(&[("steps", "1e6"), ("share_actors", "true"), ("critic_input", "local")]);
         let config = Config::resolve(Preset::Paper, &[file, line]).unwrap();
@@ -558,7 +590,9 @@ mod tests {
             (&[("task", "hear-sea")], "hear-sea"),
             (&[("task", "7")], "expected a name"),
             (&[("algorithm", "dqn")], "--set: `algorithm`"),
-            (&[("seed", "-1")], "--set: `seed`"),
+            (&[("seed", "-1")], "expected a whole number"),
+            (&[("train_p", "often")], "expected a probability from 0 to 1, or \"uniform\""),
+            (&[("share_actors", "yes")], "expected true or false"),
         ] {
             let error = resolve(settings).unwrap_err();
             assert_eq!(error.exit_code(), 2);

@@ -9,6 +9,9 @@ use crate::error::{Error, Result};
 use crate::usage;
 
 const CHECKPOINT: &str = "checkpoint.safetensors";
+const CONFIG: &str = "config.toml";
+const METRICS: &str = crate::metrics::FILE;
+const POLICY: &str = "policy.safetensors";
 
 /// The folder of a run, locked as long as this lives.
 #[derive(Debug)]
@@ -50,17 +53,22 @@ impl RunFolder {
 
     /// Every setting of the run.
     pub fn config(&self) -> PathBuf {
-        self.path.join("config.toml")
+        self.path.join(CONFIG)
     }
 
     /// Everything the run needs in order to go on.
     pub fn checkpoint(&self) -> PathBuf {
-        self.path.join(CHECKPOINT)
+        RunFolder::checkpoint_in(&self.path)
+    }
+
+    /// The checkpoint in the folder at `path`.
+    pub fn checkpoint_in(path: &Path) -> PathBuf {
+        path.join(CHECKPOINT)
     }
 
     /// What agents load.
     pub fn policy(&self) -> PathBuf {
-        self.path.join("policy.safetensors")
+        self.path.join(POLICY)
     }
 
     /// The return at each level over training.
@@ -70,13 +78,31 @@ impl RunFolder {
 
     /// What was measured, row by row.
     pub fn metrics(&self) -> PathBuf {
-        self.path.join("metrics.csv")
+        self.path.join(METRICS)
     }
 
-    /// Something of a run that is here already.
-    pub fn traces_of_a_run(&self) -> Option<PathBuf> {
-        [self.checkpoint(), self.metrics(), self.policy(), self.config()]
-            .into_iter()
-            .find(|path| path.exists())
+    /// An error if a new run would find something of another one in the folder at `path`.
+    pub fn check_free(path: &Path) -> Result<()> {
+        let shown = path.display();
+        if RunFolder::has_run(path) {
+            return Err(usage!(
+                "{shown} holds a run already: go on with it by --resume, or choose another --out"
+            ));
+        }
+        match [METRICS, POLICY, CONFIG].iter().find(|name| path.join(name).exists()) {
+            Some(name) => Err(usage!(
+                "{shown} holds a {name} already, but no checkpoint to go on from; move it away, or choose another \
+                 --out"
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// An error if there is no run in the folder at `path` to go on with.
+    pub fn check_run(path: &Path) -> Result<()> {
+        match RunFolder::has_run(path) {
+            true => Ok(()),
+            false => Err(usage!("there is no run to resume in {}: it has no {CHECKPOINT}", path.display())),
+        }
     }
 }

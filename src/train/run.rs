@@ -54,12 +54,7 @@ impl Run {
     /// # Errors
     /// `Usage` if there is a run already.
     pub fn create(folder: RunFolder, config: Config, pace: Pace) -> Result<Run> {
-        if let Some(path) = folder.traces_of_a_run() {
-            return Err(usage!(
-                "{} is there already: go on with that run by --resume, or choose another --out",
-                path.display()
-            ));
-        }
+        RunFolder::check_free(folder.path())?;
         let trainer = Trainer::new(config, pace.threads)?;
         // The checkpoint is what makes it a run: from then on it can be resumed.
         trainer.state.save(&trainer.config, &folder.checkpoint())?;
@@ -73,6 +68,7 @@ impl Run {
     /// # Errors
     /// `Usage` if there is no run, or `config` differs in more than its steps.
     pub fn resume(folder: RunFolder, config: Config, pace: Pace) -> Result<Run> {
+        RunFolder::check_run(folder.path())?;
         let path = folder.checkpoint();
         let checkpoint = Checkpoint::open(&path)?;
         let differences = checkpoint.config.differences(&config);
@@ -86,6 +82,13 @@ impl Run {
                 "{} belongs to a run with other settings: {}; a run goes on with those it began with",
                 path.display(),
                 differences.join(", ")
+            ));
+        }
+        let (done, wanted) = (checkpoint.progress.timestep(), config.steps);
+        if wanted < done && wanted < checkpoint.config.steps {
+            return Err(usage!(
+                "{} is at {done} env steps already, beyond {wanted}",
+                folder.path().display()
             ));
         }
         let trainer = Trainer::restore(config, pace.threads, &checkpoint)?;

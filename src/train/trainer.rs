@@ -1,6 +1,7 @@
 //! Playing and learning by turns: the loop of training without the folder that keeps it.
 
 use super::checkpoint::{Checkpoint, Progress, State};
+use super::plan::check_memory;
 use super::replay::Replay;
 use super::{Algorithm, Batch, Config, Rollout, Team};
 use crate::agents::{AgentSettings, PolicySource, dims};
@@ -116,6 +117,7 @@ impl Trainer {
 impl State {
     fn begin(config: &Config, threads: usize) -> Result<State> {
         let task = Task::parse(&config.task)?;
+        check_memory(config, &task)?;
         let (dims, observation) = (dims(&task), task.padded_obs_dim());
         let available: Vec<usize> = (0..dims.n_agents).map(|agent| task.available_actions(agent)).collect();
         let remembered = if config.replays() { config.replay_episodes } else { 0 };
