@@ -39,8 +39,7 @@ impl AtomicFile {
             // What the user's umask leaves of it.
             .permissions(Permissions::from_mode(0o666))
             .tempfile_in(folder)
-            // The words alone: the name of the temporary file is of no use to anybody.
-            .map_err(|e| Error::io("write", path, e.kind()))?;
+            .map_err(|e| Error::io("write", path, without_path(e)))?;
         Ok(AtomicFile { writer: BufWriter::new(file), path: path.to_owned() })
     }
 
@@ -59,7 +58,8 @@ impl AtomicFile {
     /// Puts the complete file in its place.
     pub fn commit(self) -> Result<()> {
         let AtomicFile { writer, path } = self;
-        let file = writer.into_inner().map_err(|e| Error::io("write", &path, e.error()))?;
+        let file =
+            writer.into_inner().map_err(|e| Error::io("write", &path, without_path(e.into_error())))?;
         file.as_file().sync_all().map_err(|e| Error::io("write", &path, e))?;
         file.persist(&path).map(drop).map_err(|e| Error::io("write", &path, e.error))
     }
@@ -67,12 +67,17 @@ impl AtomicFile {
 
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.writer.write(bytes)
+        self.writer.write(bytes).map_err(without_path)
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
-        self.writer.flush()
+        self.writer.flush().map_err(without_path)
     }
+}
+
+/// The words alone: the name of the temporary file is of no use to anybody.
+fn without_path(error: std::io::Error) -> std::io::Error {
+    error.kind().into()
 }
 
 #[cfg(test)]
