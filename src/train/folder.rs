@@ -5,10 +5,13 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::{FlockOperation, flock};
 
+use super::checkpoint::Checkpoint;
+use super::config::Layer;
 use crate::error::{Error, Result};
 use crate::usage;
 
 const CHECKPOINT: &str = "checkpoint.safetensors";
+const CONFIG: &str = "config.toml";
 
 /// The folder of a run, locked as long as this lives.
 #[derive(Debug)]
@@ -43,6 +46,18 @@ impl RunFolder {
         path.join(CHECKPOINT).exists()
     }
 
+    /// The settings of the run in the folder at `path`: those in `config.toml`, which are ahead of the
+    /// checkpoint's when a run has just been told to take more steps, or, where a run was killed before it had
+    /// written them there, those of the checkpoint.
+    pub fn settings(path: &Path) -> Result<Layer> {
+        let config = path.join(CONFIG);
+        if config.exists() {
+            return Layer::read(&config);
+        }
+        let checkpoint = path.join(CHECKPOINT);
+        Layer::parse(&Checkpoint::open(&checkpoint)?.config.to_toml(), &checkpoint.display().to_string())
+    }
+
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path
@@ -50,7 +65,7 @@ impl RunFolder {
 
     /// Every setting of the run.
     pub fn config(&self) -> PathBuf {
-        self.path.join("config.toml")
+        self.path.join(CONFIG)
     }
 
     /// Everything the run needs in order to go on.
