@@ -1,6 +1,6 @@
 //! Playing and learning by turns: the loop of training without the folder that keeps it.
 
-use super::checkpoint::{Checkpoint, Progress, State};
+use super::checkpoint::{Checkpoint, Progress, State, available_actions};
 use super::replay::Replay;
 use super::{Algorithm, Batch, Config, Rollout, Team};
 use crate::agents::{AgentSettings, PolicySource, dims};
@@ -117,7 +117,7 @@ impl State {
     fn begin(config: &Config, threads: usize) -> Result<State> {
         let task = Task::parse(&config.task)?;
         let (dims, observation) = (dims(&task), task.padded_obs_dim());
-        let available: Vec<usize> = (0..dims.n_agents).map(|agent| task.available_actions(agent)).collect();
+        let available = available_actions(&task);
         let remembered = if config.replays() { config.replay_episodes } else { 0 };
         Ok(State {
             progress: Progress::default(),
