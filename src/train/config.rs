@@ -149,6 +149,9 @@ pub struct Layer {
     table: Table,
 }
 
+/// An update holds no more episodes, or samples of episodes, in memory than this: what is larger is a slip.
+const MOST_AT_ONCE: usize = 10_000;
+
 /// How a predictor with this name learns.
 fn objective(name: &str, lambda: f64) -> Option<(Objective, bool)> {
     match name {
@@ -255,6 +258,7 @@ impl Config {
     /// Says what makes no sense.
     fn check(&self) -> Result<()> {
         let at_least_one = [
+            ("steps", self.steps as usize),
             ("hidden", self.hidden),
             ("n_steps", self.n_steps),
             ("epochs", self.epochs),
@@ -268,6 +272,14 @@ impl Config {
         ];
         if let Some((key, _)) = at_least_one.iter().find(|(_, value)| *value == 0) {
             return Err(usage!("`{key}` is 0, expected 1 or more"));
+        }
+        let in_memory = [
+            ("batch_episodes", self.batch_episodes),
+            ("predictor_updates", self.predictor_updates),
+            ("replay_batch", self.replay_batch),
+        ];
+        if let Some((key, value)) = in_memory.iter().find(|(_, value)| *value > MOST_AT_ONCE) {
+            return Err(usage!("`{key}` is {value}, expected {MOST_AT_ONCE} or less"));
         }
         let positive = [
             ("learning_rate", self.learning_rate),
@@ -287,6 +299,12 @@ impl Config {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(usage!("`{key}` is {value}, expected 0 or more"));
             }
+        }
+        if self.algorithm == Algorithm::Ippo && self.critic_input == CriticInput::AllObservations {
+            return Err(usage!(
+                "`algorithm` is ippo and `critic_input` all: critics that see everything are those of mappo; set \
+                 `critic_input` to joint or local, or `algorithm` to mappo"
+            ));
         }
         match self.train_p {
             TrainP::Level(p) if !(0.0..=1.0).contains(&p) => {
@@ -545,6 +563,9 @@ mod tests {
             ),
             (&[("clip", "wide")], "--set: `clip`: invalid type"),
             (&[("epochs", "0")], "`epochs` is 0"),
+            (&[("steps", "0")], "`steps` is 0"),
+            (&[("batch_episodes", "1e12")], "`batch_episodes` is 1000000000000, expected"),
+            (&[("algorithm", "ippo"), ("critic_input", "all")], "`critic_input` all"),
             (&[("epochs", "1.5")], "--set: `epochs`"),
             (&[("learning_rate", "-1")], "`learning_rate` is -1"),
             (&[("learning_rate", "nan")], "`learning_rate` is NaN"),
