@@ -176,11 +176,10 @@ impl Train {
     fn layer_of_run(&self) -> Result<Layer> {
         let out =
             self.out.as_ref().ok_or_else(|| usage!("--resume needs the folder of the run: --out DIR"))?;
-        let path = out.join("config.toml");
-        match path.exists() {
-            true => Layer::read(&path),
-            false => Err(usage!("there is no run to resume in {}: it has no config.toml", out.display())),
+        if !RunFolder::has_run(out) {
+            return Err(usage!("there is no run to resume in {}: it has no checkpoint", out.display()));
         }
+        RunFolder::settings(out)
     }
 
     /// The options that are settings.
@@ -213,8 +212,8 @@ impl Train {
             // What cannot be is said before anything has begun.
             Train { resume: false, ..self.clone() }.resolve()?;
         }
-        let mut arguments: Vec<OsString> = ["train", "--set"].map(OsString::from).to_vec();
-        arguments.push(format!("seed={seed}").into());
+        let mut arguments: Vec<OsString> = ["train", "--seed"].map(OsString::from).to_vec();
+        arguments.push(seed.to_string().into());
         let threads = (self.pace().threads / jobs).max(1);
         for (option, value) in [
             ("--out", Some(out.into())),
@@ -298,9 +297,10 @@ impl Train {
                 "tests": tests.collect::<Vec<_>>(),
             }));
         }
+        let curves = if config.test_episodes > 0 { ", curves.svg" } else { "" };
         let words = format!(
             "{}, seed {}: {steps} timesteps, {} of them in {:.1} s ({per_second:.0} env steps/s)\n{}wrote {folder}: \
-             policy.safetensors, metrics.csv, curves.svg, checkpoint.safetensors, config.toml\n",
+             policy.safetensors, metrics.csv{curves}, checkpoint.safetensors, config.toml\n",
             config.task,
             config.seed,
             steps - from,
