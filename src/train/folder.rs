@@ -2,6 +2,7 @@
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use rustix::fs::{FlockOperation, flock};
 
@@ -12,6 +13,10 @@ use crate::usage;
 
 const CHECKPOINT: &str = "checkpoint.safetensors";
 const CONFIG: &str = "config.toml";
+
+/// How long a lock may outlive a run that was killed: a process that it had just forked, to become an agent,
+/// has the lock, too, until it executes the program.
+const LOCK_DEADLINE: Duration = Duration::from_secs(1);
 
 /// The folder of a run, locked as long as this lives.
 #[derive(Debug)]
@@ -29,7 +34,13 @@ impl RunFolder {
     pub fn open(path: &Path) -> Result<RunFolder> {
         fs::create_dir_all(path).map_err(|e| Error::io("create the folder", path, e))?;
         let lock = File::open(path).map_err(|e| Error::io("open", path, e))?;
-        flock(&lock, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
+        let deadline = Instant::now() + LOCK_DEADLINE;
+        let mut locked = flock(&lock, FlockOperation::NonBlockingLockExclusive);
+        while locked == Err(rustix::io::Errno::WOULDBLOCK) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(20));
+            locked = flock(&lock, FlockOperation::NonBlockingLockExclusive);
+        }
+        locked.map_err(|e| match e {
             rustix::io::Errno::WOULDBLOCK => {
                 usage!(
                     "{} is in use by a run that is still going on; wait for it, or choose another --out",
