@@ -42,15 +42,14 @@ impl AtomicFile {
             // What the user's umask leaves of it.
             .permissions(Permissions::from_mode(0o666))
             .tempfile_in(folder)
-            // The words alone: the name of the temporary file is of no use to anybody.
-            .map_err(|e| Error::io("write", path, e.kind()))?;
+            .map_err(|e| Error::io("write", path, without_path(e)))?;
         Ok(AtomicFile { writer: BufWriter::new(file), path: path.to_owned() })
     }
 
     /// Writes a whole file at once.
     pub fn write(path: &Path, content: &[u8]) -> Result<()> {
         let mut file = AtomicFile::create(path)?;
-        file.write_all(content).map_err(|e| Error::io("write", path, e.kind()))?;
+        file.write_all(content).map_err(|e| Error::io("write", path, e))?;
         file.commit()
     }
 
@@ -70,12 +69,17 @@ impl AtomicFile {
 
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.writer.write(bytes)
+        self.writer.write(bytes).map_err(without_path)
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
-        self.writer.flush()
+        self.writer.flush().map_err(without_path)
     }
+}
+
+/// The words alone: the name of the temporary file is of no use to anybody.
+fn without_path(error: std::io::Error) -> std::io::Error {
+    error.kind().into()
 }
 
 #[cfg(test)]

@@ -104,6 +104,8 @@ impl Campaign {
             self.collect()?;
             std::thread::sleep(Duration::from_millis(50));
         }
+        // In whatever order they ended.
+        self.failed.sort_unstable();
         let failed: Vec<String> = self.failed.iter().map(u64::to_string).collect();
         match failed.is_empty() {
             true => Ok(()),

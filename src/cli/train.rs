@@ -176,7 +176,7 @@ impl Train {
                     "--preset is for a new run; --resume goes on with the settings of the run"
                 ));
             }
-            layers.push(Layer::parse(&self.checkpoint()?.config.to_toml(), "checkpoint")?);
+            layers.push(RunFolder::settings(self.folder_of_run()?)?);
         }
         if let Some(path) = &self.config {
             layers.push(Layer::read(path)?);
@@ -188,12 +188,12 @@ impl Train {
         Config::resolve(self.preset.unwrap_or_default(), &layers)
     }
 
-    /// The checkpoint of the run to go on with.
-    fn checkpoint(&self) -> Result<Checkpoint> {
+    /// The folder of the run to go on with.
+    fn folder_of_run(&self) -> Result<&Path> {
         let out =
-            self.out.as_ref().ok_or_else(|| usage!("--resume needs the folder of the run: --out DIR"))?;
+            self.out.as_deref().ok_or_else(|| usage!("--resume needs the folder of the run: --out DIR"))?;
         RunFolder::check_run(out)?;
-        Checkpoint::open(&RunFolder::checkpoint_in(out))
+        Ok(out)
     }
 
     /// The options that are settings.
@@ -226,8 +226,8 @@ impl Train {
             // What cannot be is said before anything has begun.
             Train { resume: false, ..self.clone() }.resolve()?;
         }
-        let mut arguments: Vec<OsString> = ["train", "--set"].map(OsString::from).to_vec();
-        arguments.push(format!("seed={seed}").into());
+        let mut arguments: Vec<OsString> = ["train", "--seed"].map(OsString::from).to_vec();
+        arguments.push(seed.to_string().into());
         let threads = (self.pace().threads / jobs).max(1);
         for (option, value) in [
             ("--out", Some(out.into())),
@@ -269,7 +269,10 @@ impl Train {
     }
 
     fn print_plan(&self, config: &Config, out: &Path) -> Result<()> {
-        let from = if self.resume { self.checkpoint()?.progress.timestep() } else { 0 };
+        let from = match self.resume {
+            true => Checkpoint::open(&RunFolder::checkpoint_in(out))?.progress.timestep(),
+            false => 0,
+        };
         let threads = threads(self.threads);
         let plan = estimate(config, threads, from)?;
         if self.json {

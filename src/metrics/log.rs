@@ -36,8 +36,9 @@ impl MetricsLog {
                 folder.display()
             ));
         }
-        let (mut csv, mut events) = (Growing::open(csv)?, Growing::open(events)?);
-        csv.append(header.as_bytes())?;
+        // No run can go on with a file without its header.
+        AtomicFile::write(&csv, header.as_bytes())?;
+        let (csv, mut events) = (Growing::open(csv)?, Growing::open(events)?);
         events.append(&events::first_record())?;
         Ok(MetricsLog { csv, events, columns: columns.to_owned(), rows: 0, last: None })
     }
@@ -110,6 +111,11 @@ impl MetricsLog {
     pub fn sync(&mut self) -> Result<()> {
         self.csv.sync()?;
         self.events.sync()
+    }
+
+    /// The timestep of the last row.
+    pub fn last(&self) -> Option<u64> {
+        self.last
     }
 
     /// Rows written, those before a resumption included.

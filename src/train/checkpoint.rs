@@ -18,7 +18,7 @@ use super::state::Counters;
 use super::team::Team;
 use crate::error::{Error, Result};
 use crate::nn::{map, write_tensors};
-use crate::world::EPISODE_STEPS;
+use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
 
 const FORMAT: &str = "vamaro-swarm checkpoint";
@@ -112,10 +112,20 @@ impl State {
             copy(need("batch.actions")?, &mut values)
                 .ok_or_else(|| checkpoint.damaged("batch.actions has another length"))?;
             actions.iter_mut().zip(values).for_each(|(action, value)| *action = value as u8);
+            let available = available_actions(&Task::parse(&config.task)?);
+            let mut teams = actions.chunks_exact(available.len());
+            if teams.any(|team| team.iter().zip(&available).any(|(&action, &n)| usize::from(action) >= n)) {
+                return Err(checkpoint.damaged("batch.actions has an action that there is not"));
+            }
         }
         self.progress = checkpoint.progress.clone();
         Ok(())
     }
+}
+
+/// How many actions each agent has.
+pub(super) fn available_actions(task: &Task) -> Vec<usize> {
+    (0..task.n_agents()).map(|agent| task.available_actions(agent)).collect()
 }
 
 fn parts<'a>(batch: &'a Batch, actions: &'a [f32]) -> [(&'static str, &'a [f32]); 5] {

@@ -301,6 +301,12 @@ impl Config {
                 return Err(usage!("`{key}` is {value}, expected 0 or more"));
             }
         }
+        if self.algorithm == Algorithm::Ippo && self.critic_input == CriticInput::AllObservations {
+            return Err(usage!(
+                "`algorithm` is ippo and `critic_input` all: critics that see everything are those of mappo; set \
+                 `critic_input` to joint or local, or `algorithm` to mappo"
+            ));
+        }
         match self.train_p {
             TrainP::Level(p) if !(0.0..=1.0).contains(&p) => {
                 return Err(usage!("`train_p` is {p}, expected a probability from 0 to 1, or \"uniform\""));
@@ -577,6 +583,9 @@ mod tests {
             ),
             (&[("clip", "wide")], "--set: `clip`: invalid type"),
             (&[("epochs", "0")], "`epochs` is 0"),
+            (&[("steps", "0")], "`steps` is 0"),
+            (&[("batch_episodes", "1e12")], "`batch_episodes` is 1000000000000, expected 1 to 4096"),
+            (&[("algorithm", "ippo"), ("critic_input", "all")], "`critic_input` all"),
             (&[("epochs", "1.5")], "--set: `epochs`"),
             (&[("learning_rate", "-1")], "`learning_rate` is -1"),
             (&[("learning_rate", "nan")], "`learning_rate` is NaN"),

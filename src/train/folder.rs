@@ -2,9 +2,12 @@
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use rustix::fs::{FlockOperation, flock};
 
+use super::checkpoint::Checkpoint;
+use super::config::Layer;
 use crate::error::{Error, Result};
 use crate::usage;
 
@@ -12,6 +15,10 @@ const CHECKPOINT: &str = "checkpoint.safetensors";
 const CONFIG: &str = "config.toml";
 const METRICS: &str = crate::metrics::FILE;
 const POLICY: &str = "policy.safetensors";
+
+/// How long a lock may outlive a run that was killed: a process that it had just forked, to become an agent,
+/// has the lock, too, until it executes the program.
+const LOCK_DEADLINE: Duration = Duration::from_secs(1);
 
 /// The folder of a run, locked as long as this lives.
 #[derive(Debug)]
@@ -29,7 +36,13 @@ impl RunFolder {
     pub fn open(path: &Path) -> Result<RunFolder> {
         fs::create_dir_all(path).map_err(|e| Error::io("create the folder", path, e))?;
         let lock = File::open(path).map_err(|e| Error::io("open", path, e))?;
-        flock(&lock, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
+        let deadline = Instant::now() + LOCK_DEADLINE;
+        let mut locked = flock(&lock, FlockOperation::NonBlockingLockExclusive);
+        while locked == Err(rustix::io::Errno::WOULDBLOCK) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(20));
+            locked = flock(&lock, FlockOperation::NonBlockingLockExclusive);
+        }
+        locked.map_err(|e| match e {
             rustix::io::Errno::WOULDBLOCK => {
                 usage!(
                     "{} is in use by a run that is still going on; wait for it, or choose another --out",
@@ -44,6 +57,18 @@ impl RunFolder {
     /// Whether there is a run in the folder at `path`.
     pub fn has_run(path: &Path) -> bool {
         path.join(CHECKPOINT).exists()
+    }
+
+    /// The settings of the run in the folder at `path`: those in `config.toml`, which are ahead of the
+    /// checkpoint's when a run has just been told to take more steps, or, where a run was killed before it had
+    /// written them there, those of the checkpoint.
+    pub fn settings(path: &Path) -> Result<Layer> {
+        let config = path.join(CONFIG);
+        if config.exists() {
+            return Layer::read(&config);
+        }
+        let checkpoint = path.join(CHECKPOINT);
+        Layer::parse(&Checkpoint::open(&checkpoint)?.config.to_toml(), &checkpoint.display().to_string())
     }
 
     /// Where it is.

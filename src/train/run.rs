@@ -139,8 +139,9 @@ impl Run {
     /// Trains to the last step with `agents` that run the trainer's policy, and tells `note` after every update.
     /// However that ends, what was learned is kept, unless it is numbers that are none.
     pub fn train(&mut self, agents: &mut impl supervisor::Team, mut note: impl FnMut(&Run)) -> Result<()> {
-        let stopped = match self.play_and_learn(agents, &mut note) {
-            Ok(()) => return self.finish(),
+        let ended = self.play_and_learn(agents, &mut note).and_then(|()| Ok(self.finish()?));
+        let stopped = match ended {
+            Ok(()) => return Ok(()),
             Err(Stopped::Diverged(Diverged(why))) => {
                 return Err(failed!(
                     "training has diverged at timestep {}: {why}; the last good checkpoint is {}; try a smaller \
@@ -151,14 +152,16 @@ impl Run {
             }
             Err(Stopped::Otherwise(error)) => error,
         };
-        let resume = format!("go on with `vamaro-swarm train --resume --out {}`", self.folder().display());
-        let on = match self.save() {
-            Ok(()) => format!("all up to timestep {} is kept; {resume}", self.timestep()),
-            Err(e) if e.to_string() == stopped.to_string() => {
-                format!("the checkpoint before is kept; {resume}")
+        let kept = match self.save() {
+            Ok(()) => format!("all up to timestep {} is kept", self.timestep()),
+            // Such as a full disk, which may be what stopped it, too.
+            Err(unsaved) if unsaved.to_string() == stopped.to_string() => {
+                "the last checkpoint stays".to_owned()
             }
-            Err(e) => format!("{e}, but the checkpoint before is kept; {resume}"),
+            Err(unsaved) => format!("{unsaved}; the last checkpoint stays"),
         };
+        let on =
+            format!("{kept}; go on with `vamaro-swarm train --resume --out {}`", self.folder().display());
         Err(match stopped {
             Error::Interrupted(_) => Error::Interrupted(format!("interrupted; {on}")),
             Error::Failed(why) => Error::Failed(format!("{why}; {on}")),
@@ -192,9 +195,11 @@ impl Run {
         }
     }
 
-    /// Row k belongs to the first timestep from k times the interval on.
+    /// Row k belongs to the first timestep from k times the interval on. Where an update is longer than the
+    /// interval rows fall behind, but a timestep never has two.
     fn row_is_due(&self) -> bool {
-        self.timestep() >= self.trainer.state.progress.rows as u64 * self.config().test_interval
+        let (timestep, rows) = (self.timestep(), self.trainer.state.progress.rows as u64);
+        timestep >= rows.saturating_mul(self.config().test_interval) && self.log.last() < Some(timestep)
     }
 
     /// Tests, and writes a row of `metrics.csv`.

@@ -1,6 +1,6 @@
 //! Playing and learning by turns: the loop of training without the folder that keeps it.
 
-use super::checkpoint::{Checkpoint, Progress, State};
+use super::checkpoint::{Checkpoint, Progress, State, available_actions};
 use super::plan::check_memory;
 use super::replay::Replay;
 use super::{Algorithm, Batch, Config, Rollout, Team};
@@ -119,7 +119,7 @@ impl State {
         let task = Task::parse(&config.task)?;
         check_memory(config, &task)?;
         let (dims, observation) = (dims(&task), task.padded_obs_dim());
-        let available: Vec<usize> = (0..dims.n_agents).map(|agent| task.available_actions(agent)).collect();
+        let available = available_actions(&task);
         let remembered = if config.replays() { config.replay_episodes } else { 0 };
         Ok(State {
             progress: Progress::default(),
