@@ -9,9 +9,12 @@ use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
 
+/// What the names of files begin with that are not complete yet.
+pub const PART_OF_FILE: &str = ".vamaro-swarm-";
+
 /// A file that is written beside its path and renamed when complete. Dropped before that, it leaves
 /// nothing, and an older file at the path stays as it was. (A process that is killed leaves the part it
-/// has written, under a name that begins with `.vamaro-swarm-`.)
+/// has written, under a name that begins with [`PART_OF_FILE`].)
 #[derive(Debug)]
 pub struct AtomicFile {
     writer: BufWriter<NamedTempFile>,
@@ -38,7 +41,7 @@ impl AtomicFile {
             return Err(Error::io("write", path, format!("there is no folder {}", folder.display())));
         }
         let file = tempfile::Builder::new()
-            .prefix(".vamaro-swarm-")
+            .prefix(PART_OF_FILE)
             // What the user's umask leaves of it.
             .permissions(Permissions::from_mode(0o666))
             .tempfile_in(folder)

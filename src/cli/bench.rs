@@ -127,10 +127,11 @@ impl BenchTrain {
 }
 
 /// What is said of a task: the name for programs, and the line for people.
-const FIGURES: [(&str, &str); 15] = [
+const FIGURES: [(&str, &str); 16] = [
     ("env_steps_per_s", "env steps/s"),
     ("candle_env_steps_per_s", "the same with --backend candle"),
-    ("ratio_to_candle", "ratio to candle"),
+    ("ratio_to_candle", "ratio to candle, rollouts included"),
+    ("update_ratio_to_candle", "ratio to candle of the update alone"),
     ("update_ms", "one update and its rollout, ms"),
     ("rollout_ms", "  rollout, new weights, ms"),
     ("actors_ms", "  actors, ms"),
@@ -178,6 +179,8 @@ impl Measured {
             |rounds: &[Throughput]| median(rounds.iter().map(Throughput::env_steps_per_second).collect());
         let per_update =
             |rounds: &[Throughput]| median(rounds.iter().map(|round| ms(round.per_update())).collect());
+        let learning =
+            |rounds: &[Throughput]| median(rounds.iter().map(|round| ms(round.learning())).collect());
         let native = self.native();
         let updates = native.updates as f64;
         let part = |busy: Duration| ms(busy) / updates / threads as f64;
@@ -191,6 +194,7 @@ impl Measured {
             per_second(&self.native),
             per_second(&self.candle),
             per_second(&self.native) / per_second(&self.candle),
+            learning(&self.candle) / learning(&self.native),
             whole,
             rollout,
             actors,
@@ -210,7 +214,7 @@ impl Measured {
         let write = |((key, _), value): (&(&str, &str), f64)| match *key {
             "share_of_matmul" => format!("{:.0} %", 100.0 * value),
             key if key.ends_with("_ms") => format!("{value:.2}"),
-            "ratio_to_candle" | "update_gflop" => format!("{value:.2}"),
+            "ratio_to_candle" | "update_ratio_to_candle" | "update_gflop" => format!("{value:.2}"),
             _ => format!("{value:.0}"),
         };
         FIGURES.iter().zip(self.values(rate, threads)).map(write).collect()

@@ -102,7 +102,9 @@ fn check_alike(runs: &[Run]) -> Result<()> {
     let Some((first, config)) = known.next() else { return Ok(()) };
     for (run, other) in known {
         let differences = config.differences(other);
-        let what = differences.iter().find(|(key, ..)| !["seed", "steps"].contains(&&key[..]));
+        let differ = |wanted: &dyn Fn(&str) -> bool| differences.iter().find(|(key, ..)| wanted(key));
+        // Other tasks have other settings; that it is another task says it all.
+        let what = differ(&|key| key == "task").or_else(|| differ(&|key| key != "seed" && key != "steps"));
         if let Some((key, here, there)) = what {
             return Err(usage!(
                 "runs with different settings have no mean: `{key}` is {here} in {} and {there} in {}; plot them \

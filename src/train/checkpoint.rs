@@ -11,7 +11,9 @@ use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 
 use super::batch::Batch;
-use super::config::{Config, Layer, Preset};
+use super::config::Config;
+use super::layer::Layer;
+use super::preset::Preset;
 use super::replay::Replay;
 use super::rows::Averages;
 use super::state::Counters;
@@ -119,7 +121,24 @@ impl State {
             }
         }
         self.progress = checkpoint.progress.clone();
-        Ok(())
+        match self.is_consistent(config) {
+            true => Ok(()),
+            false => Err(checkpoint.damaged("its episodes, updates, rows and replay contradict each other")),
+        }
+    }
+
+    /// Whether the counts belong together: updates begin with the first whole batch, and each has its fresh
+    /// episodes.
+    fn is_consistent(&self, config: &Config) -> bool {
+        let Progress { episodes, rows, .. } = self.progress;
+        let (fresh, batch) = (config.update_every as u64, config.batch_episodes as u64);
+        let updates = (episodes / fresh + 1).saturating_sub(batch.div_ceil(fresh));
+        let remembered = if config.replays() { episodes.min(config.replay_episodes as u64) } else { 0 };
+        episodes.is_multiple_of(fresh)
+            && episodes < 1 << 46
+            && rows as u64 <= episodes / fresh + 1
+            && self.team.updates() == updates
+            && self.replay.len() as u64 == remembered
     }
 }
 

@@ -5,9 +5,11 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
+use super::layer::{Layer, like};
+use super::preset::Preset;
 use super::settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
-use crate::agents::{ImputerName, paper_actor};
-use crate::error::{Error, Result};
+use crate::agents::ImputerName;
+use crate::error::Result;
 use crate::file::AtomicFile;
 use crate::link::{LinkModel, Links};
 use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing};
@@ -130,30 +132,8 @@ pub enum TrainMode {
     Uniform,
 }
 
-/// Where a configuration starts from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Preset {
-    /// The settings in the paper's text: setting 1 for hear-see, speaker-listener and spread-xy-2, setting 2
-    /// for the other tasks
-    #[default]
-    Paper,
-    /// The habits of the `mappo` configuration in the paper's published code: shared networks, an update after
-    /// every episode, rewards as they are
-    PublishedCode,
-}
-
-/// Settings from one place: a file, or the command line.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Layer {
-    source: String,
-    table: Table,
-}
-
-/// Beyond this a test would take longer than training, by mistake.
-const MOST_TEST_EPISODES: u64 = 1_000_000;
-
 /// How a predictor with this name learns.
-fn objective(name: &str, lambda: f64) -> Option<(Objective, bool)> {
+pub(super) fn objective(name: &str, lambda: f64) -> Option<(Objective, bool)> {
     match name {
         "value-aware" => Some((Objective::ValueAware { lambda }, false)),
         "lambda0" => Some((Objective::ValueAware { lambda: 0.0 }, false)),
@@ -164,62 +144,6 @@ fn objective(name: &str, lambda: f64) -> Option<(Objective, bool)> {
 }
 
 impl Config {
-    /// The defaults for a task.
-    pub fn preset(preset: Preset, task: &Task, algorithm: Algorithm) -> Config {
-        let actor = paper_actor(task);
-        let paper = Settings::paper(actor);
-        let predictor = PredictorSettings::paper(Objective::Maro);
-        let paper = Config {
-            task: task.id().to_owned(),
-            seed: 0,
-            steps: 5_000_000,
-            algorithm,
-            actor,
-            hidden: paper.networks.hidden,
-            share_actors: false,
-            share_critics: false,
-            critic_input: match algorithm {
-                Algorithm::Mappo => CriticInput::AllObservations,
-                Algorithm::Ippo => CriticInput::Joint,
-            },
-            learning_rate: paper.learning_rate,
-            entropy_coefficient: paper.entropy_coefficient,
-            gamma: paper.gamma,
-            advantage: AdvantageKind::NStep,
-            n_steps: 5,
-            gae_lambda: 0.95,
-            clip: paper.clip,
-            epochs: paper.epochs,
-            max_grad_norm: paper.largest_gradient,
-            standardise_rewards: paper.standardise_rewards,
-            target_interval: paper.target_interval,
-            batch_episodes: 10,
-            update_every: 10,
-            train_p: TrainP::Level(1.0),
-            predictors: vec!["value-aware".to_owned(), "maro".to_owned()],
-            predictor_updates: 1,
-            predictor_learning_rate: predictor.learning_rate,
-            predictor_max_grad_norm: predictor.largest_gradient,
-            predictor_hidden: PredictorSpec::paper("any").hidden,
-            lambda: 1.0,
-            replay_episodes: 5_000,
-            replay_batch: 32,
-            test_interval: 50_000,
-            test_episodes: 100,
-            backend: Backend::Native,
-        };
-        match preset {
-            Preset::Paper => paper,
-            Preset::PublishedCode => Config {
-                share_actors: true,
-                share_critics: true,
-                standardise_rewards: false,
-                update_every: 1,
-                ..paper
-            },
-        }
-    }
-
     /// The preset with the settings of all layers; those of later ones count more.
     ///
     /// # Errors
@@ -253,91 +177,6 @@ impl Config {
         let config = Config::deserialize(all).map_err(|e| usage!("{}", e.message()))?;
         config.check()?;
         Ok(config)
-    }
-
-    /// Says what makes no sense.
-    fn check(&self) -> Result<()> {
-        // Beyond these a run would fill the memory, or not end, by mistake.
-        let whole = [
-            ("n_steps", self.n_steps as u64, u64::MAX),
-            ("epochs", self.epochs as u64, 1000),
-            ("target_interval", self.target_interval, u64::MAX),
-            ("batch_episodes", self.batch_episodes as u64, 4096),
-            ("update_every", self.update_every as u64, 4096),
-            ("predictor_updates", self.predictor_updates as u64, 1000),
-            ("replay_episodes", self.replay_episodes as u64, 1_000_000),
-            ("replay_batch", self.replay_batch as u64, 4096),
-            ("test_interval", self.test_interval, u64::MAX),
-            ("steps", self.steps, 1 << 50),
-        ];
-        if let Some((key, value, most)) = whole.iter().find(|(_, value, most)| !(1..=*most).contains(value)) {
-            return Err(match most {
-                &u64::MAX => usage!("`{key}` is {value}, expected 1 or more"),
-                most => usage!("`{key}` is {value}, expected 1 to {most}"),
-            });
-        }
-        if self.test_episodes > MOST_TEST_EPISODES {
-            return Err(usage!(
-                "`test_episodes` is {}, expected 0 to {MOST_TEST_EPISODES}",
-                self.test_episodes
-            ));
-        }
-        let positive = [
-            ("learning_rate", self.learning_rate),
-            ("clip", self.clip),
-            ("max_grad_norm", self.max_grad_norm),
-            ("predictor_learning_rate", self.predictor_learning_rate),
-            ("predictor_max_grad_norm", self.predictor_max_grad_norm),
-        ];
-        if let Some((key, value)) = positive.iter().find(|(_, value)| !(*value > 0.0 && value.is_finite())) {
-            return Err(usage!("`{key}` is {value}, expected a number above 0"));
-        }
-        let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda)];
-        if let Some((key, value)) = shares.iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
-            return Err(usage!("`{key}` is {value}, expected 0 to 1"));
-        }
-        for (key, value) in [("entropy_coefficient", self.entropy_coefficient), ("lambda", self.lambda)] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(usage!("`{key}` is {value}, expected 0 or more"));
-            }
-        }
-        if self.algorithm == Algorithm::Ippo && self.critic_input == CriticInput::AllObservations {
-            return Err(usage!(
-                "`algorithm` is ippo and `critic_input` all: critics that see everything are those of mappo; set \
-                 `critic_input` to joint or local, or `algorithm` to mappo"
-            ));
-        }
-        match self.train_p {
-            TrainP::Level(p) if !(0.0..=1.0).contains(&p) => {
-                return Err(usage!("`train_p` is {p}, expected a probability from 0 to 1, or \"uniform\""));
-            }
-            _ if !self.everything_arrives() && self.predictors.is_empty() => {
-                return Err(usage!(
-                    "`train_p` below 1 needs a predictor that imputes what is lost; name one in `predictors`"
-                ));
-            }
-            _ => {}
-        }
-        if self.update_every > self.batch_episodes {
-            return Err(usage!(
-                "`update_every` is {} and `batch_episodes` {}: an update would never see some episodes",
-                self.update_every,
-                self.batch_episodes
-            ));
-        }
-        if self.replay_batch > self.replay_episodes {
-            return Err(usage!(
-                "`replay_batch` is {}, more than the {} of `replay_episodes`",
-                self.replay_batch,
-                self.replay_episodes
-            ));
-        }
-        if let Some(name) = self.predictors.iter().find(|name| objective(name, 1.0).is_none()) {
-            return Err(usage!(
-                "there is no predictor `{name}`; there are value-aware, maro, lambda0 and maro-carry"
-            ));
-        }
-        self.networks().check().map_err(|e| usage!("{e}"))
     }
 
     /// The networks that agents run.
@@ -444,75 +283,6 @@ impl Config {
 
 fn sharing(shared: bool) -> Sharing {
     if shared { Sharing::Shared } else { Sharing::Separate }
-}
-
-/// A value in the type of the default, where there is one way to read it so: `1e6` is a whole number, `1` a
-/// number, and `a,b` a list.
-fn like(default: &Value, value: Value) -> Value {
-    match (default, value) {
-        (Value::Integer(_), Value::Float(x)) if x.fract() == 0.0 && x.abs() < 9e15 => {
-            Value::Integer(x as i64)
-        }
-        (Value::Float(_), Value::Integer(n)) => Value::Float(n as f64),
-        (Value::Array(_), Value::String(list)) => {
-            let list = if list == "none" { "" } else { &list };
-            let items = list.split(',').map(str::trim).filter(|item| !item.is_empty());
-            Value::Array(items.map(Value::from).collect())
-        }
-        (_, value) => value,
-    }
-}
-
-impl Layer {
-    /// An empty one; errors about its settings begin with `source`.
-    pub fn new(source: &str) -> Layer {
-        Layer { source: source.to_owned(), table: Table::new() }
-    }
-
-    /// The settings in a TOML file.
-    pub fn read(path: &Path) -> Result<Layer> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::open(path, e))?;
-        Layer::parse(&text, &path.display().to_string())
-    }
-
-    /// The settings in a TOML text.
-    pub fn parse(text: &str, source: &str) -> Result<Layer> {
-        let table = text.parse().map_err(|e| usage!("{source} is not TOML: {e}"))?;
-        Ok(Layer { source: source.to_owned(), table })
-    }
-
-    /// Sets `key` to what `value` says in TOML; a word without quotes is one with quotes.
-    pub fn set(&mut self, key: &str, value: &str) {
-        let parsed = format!("value = {value}").parse::<Table>().ok();
-        let parsed = parsed.and_then(|mut table| table.remove("value"));
-        self.table.insert(key.to_owned(), parsed.unwrap_or_else(|| value.into()));
-    }
-
-    fn refuse(&self, key: &str, error: &toml::de::Error) -> Error {
-        // What the types of this program are called concerns nobody else.
-        let mut words = error.message().to_owned();
-        for (name, meaning) in [
-            ("a boolean", "true or false"),
-            ("f64", "a number"),
-            ("u64", "a whole number, 0 or more"),
-            ("usize", "a whole number, 0 or more"),
-            ("a sequence", "a list"),
-        ] {
-            words = words.replace(&format!("expected {name}"), &format!("expected {meaning}"));
-        }
-        usage!("{}: `{key}`: {words}", self.source)
-    }
-
-    fn unknown(&self, key: &str, known: &Table) -> Error {
-        if self.table[key].is_table() {
-            return usage!("{}: settings stand by themselves, not in a table like `[{key}]`", self.source);
-        }
-        let nearest = known
-            .keys()
-            .max_by(|a, b| strsim::jaro_winkler(key, a).total_cmp(&strsim::jaro_winkler(key, b)))
-            .expect("there are settings");
-        usage!("{}: there is no setting `{key}`; the nearest is `{nearest}`", self.source)
-    }
 }
 
 #[cfg(test)]

@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 use rustix::fs::{FlockOperation, flock};
 
 use super::checkpoint::Checkpoint;
-use super::config::Layer;
+use super::layer::Layer;
 use crate::error::{Error, Result};
+use crate::file::PART_OF_FILE;
 use crate::usage;
 
 const CHECKPOINT: &str = "checkpoint.safetensors";
@@ -51,7 +52,18 @@ impl RunFolder {
             }
             other => Error::io("lock", path, other),
         })?;
-        Ok(RunFolder { path: path.to_owned(), _lock: lock })
+        let folder = RunFolder { path: path.to_owned(), _lock: lock };
+        folder.remove_parts();
+        Ok(folder)
+    }
+
+    /// Removes what a killed run was writing: nobody else writes here while we have the lock.
+    fn remove_parts(&self) {
+        let names = fs::read_dir(&self.path).into_iter().flatten().flatten().map(|entry| entry.file_name());
+        for name in names.filter(|name| name.to_string_lossy().starts_with(PART_OF_FILE)) {
+            // What cannot be removed is in nobody's way.
+            let _ = fs::remove_file(self.path.join(name));
+        }
     }
 
     /// Whether there is a run in the folder at `path`.

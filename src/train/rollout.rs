@@ -31,30 +31,20 @@ impl Rollout {
         }
     }
 
-    /// Room for so many of its episodes: with estimates if its links can lose something.
-    pub fn batch(&self, episodes: usize) -> Batch {
-        assert!(self.worlds <= episodes, "a batch holds the episodes of all worlds");
-        Batch::zeros(self.stage.task(), episodes, !self.stage.links().is_lossless())
-    }
-
     /// The number of the next episode: how many have been played, counted from episode 0.
     pub fn next_episode(&self) -> u64 {
         self.stage.next_episode()
     }
 
-    /// The environment steps of all episodes before the next.
-    pub fn env_steps(&self) -> u64 {
-        self.next_episode() * EPISODE_STEPS as u64
-    }
-
-    /// Plays one episode in each world and writes them into their columns of `batch`, one of
-    /// [`Rollout::batch`]. Returns what each episode brought in, in their order: the undiscounted sum of the team
+    /// Plays one episode in each world and writes them into their columns of `batch`, which has
+    /// at least as many, and estimates if links can lose something. Returns what each episode brought in, in their order: the undiscounted sum of the team
     /// rewards.
     ///
     /// # Errors
     /// `Interrupted` if the program was asked to stop; whatever the team fails with. The columns are then half
     /// written.
     pub fn collect(&mut self, team: &mut impl Team, batch: &mut Batch) -> Result<&[f64]> {
+        assert!(self.worlds <= batch.episodes, "a batch holds the episodes of all worlds");
         self.stage.begin_episodes(self.next_episode() + self.worlds as u64);
         self.returns.clear();
         self.returns.resize(self.worlds, 0.0);

@@ -40,7 +40,7 @@ pub struct Settings {
 }
 
 /// What computes the outputs of networks in training and the gradients of their weights. Everything else is the
-/// same, weights and moments of Adam included: a team may change it from one checkpoint to the next.
+/// same: advantages, clipping, Adam, threads.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum,
 )]

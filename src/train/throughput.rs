@@ -74,6 +74,11 @@ impl Throughput {
         self.env_steps as f64 / self.elapsed.as_secs_f64()
     }
 
+    /// Time of one update without its rollout.
+    pub fn learning(&self) -> Duration {
+        (self.elapsed - self.rollout).div_f64(self.updates as f64)
+    }
+
     /// Time of one update with its rollout.
     pub fn per_update(&self) -> Duration {
         self.elapsed.div_f64(self.updates as f64)

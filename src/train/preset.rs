@@ -1,0 +1,77 @@
+//! Where configurations start from.
+
+use super::config::{AdvantageKind, Algorithm, Config, TrainP};
+use super::settings::{Backend, CriticInput, Objective, PredictorSettings, Settings};
+use crate::agents::paper_actor;
+use crate::nn::PredictorSpec;
+use crate::world::Task;
+
+/// Where a configuration starts from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Preset {
+    /// The settings in the paper's text: setting 1 for hear-see, speaker-listener and spread-xy-2, setting 2
+    /// for the other tasks
+    #[default]
+    Paper,
+    /// The habits of the `mappo` configuration in the paper's published code: shared networks, an update after
+    /// every episode, rewards as they are
+    PublishedCode,
+}
+
+impl Config {
+    /// The defaults for a task.
+    pub fn preset(preset: Preset, task: &Task, algorithm: Algorithm) -> Config {
+        let actor = paper_actor(task);
+        let paper = Settings::paper(actor);
+        let predictor = PredictorSettings::paper(Objective::Maro);
+        let paper = Config {
+            task: task.id().to_owned(),
+            seed: 0,
+            steps: 5_000_000,
+            algorithm,
+            actor,
+            hidden: paper.networks.hidden,
+            share_actors: false,
+            share_critics: false,
+            critic_input: match algorithm {
+                Algorithm::Mappo => CriticInput::AllObservations,
+                Algorithm::Ippo => CriticInput::Joint,
+            },
+            learning_rate: paper.learning_rate,
+            entropy_coefficient: paper.entropy_coefficient,
+            gamma: paper.gamma,
+            advantage: AdvantageKind::NStep,
+            n_steps: 5,
+            gae_lambda: 0.95,
+            clip: paper.clip,
+            epochs: paper.epochs,
+            max_grad_norm: paper.largest_gradient,
+            standardise_rewards: paper.standardise_rewards,
+            target_interval: paper.target_interval,
+            batch_episodes: 10,
+            update_every: 10,
+            train_p: TrainP::Level(1.0),
+            predictors: vec!["value-aware".to_owned(), "maro".to_owned()],
+            predictor_updates: 1,
+            predictor_learning_rate: predictor.learning_rate,
+            predictor_max_grad_norm: predictor.largest_gradient,
+            predictor_hidden: PredictorSpec::paper("any").hidden,
+            lambda: 1.0,
+            replay_episodes: 5_000,
+            replay_batch: 32,
+            test_interval: 50_000,
+            test_episodes: 100,
+            backend: Backend::Native,
+        };
+        match preset {
+            Preset::Paper => paper,
+            Preset::PublishedCode => Config {
+                share_actors: true,
+                share_critics: true,
+                standardise_rewards: false,
+                update_every: 1,
+                ..paper
+            },
+        }
+    }
+}

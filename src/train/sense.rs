@@ -1,0 +1,96 @@
+//! What of a configuration makes no sense, though every setting has a value of its type.
+
+use super::config::{Algorithm, Config, TrainP, objective};
+use super::settings::CriticInput;
+use crate::error::Result;
+use crate::usage;
+
+/// Beyond this a test would take longer than training, by mistake.
+const MOST_TEST_EPISODES: u64 = 1_000_000;
+
+impl Config {
+    /// Says what makes no sense.
+    pub(super) fn check(&self) -> Result<()> {
+        // Beyond these a run would fill the memory, or not end, by mistake.
+        let whole = [
+            ("n_steps", self.n_steps as u64, u64::MAX),
+            ("epochs", self.epochs as u64, 1000),
+            ("target_interval", self.target_interval, u64::MAX),
+            ("batch_episodes", self.batch_episodes as u64, 4096),
+            ("update_every", self.update_every as u64, 4096),
+            ("predictor_updates", self.predictor_updates as u64, 1000),
+            ("replay_episodes", self.replay_episodes as u64, 1_000_000),
+            ("replay_batch", self.replay_batch as u64, 4096),
+            ("test_interval", self.test_interval, u64::MAX),
+            ("steps", self.steps, 1 << 50),
+        ];
+        if let Some((key, value, most)) = whole.iter().find(|(_, value, most)| !(1..=*most).contains(value)) {
+            return Err(match most {
+                &u64::MAX => usage!("`{key}` is {value}, expected 1 or more"),
+                most => usage!("`{key}` is {value}, expected 1 to {most}"),
+            });
+        }
+        if self.test_episodes > MOST_TEST_EPISODES {
+            return Err(usage!(
+                "`test_episodes` is {}, expected 0 to {MOST_TEST_EPISODES}",
+                self.test_episodes
+            ));
+        }
+        let positive = [
+            ("learning_rate", self.learning_rate),
+            ("clip", self.clip),
+            ("max_grad_norm", self.max_grad_norm),
+            ("predictor_learning_rate", self.predictor_learning_rate),
+            ("predictor_max_grad_norm", self.predictor_max_grad_norm),
+        ];
+        if let Some((key, value)) = positive.iter().find(|(_, value)| !(*value > 0.0 && value.is_finite())) {
+            return Err(usage!("`{key}` is {value}, expected a number above 0"));
+        }
+        let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda)];
+        if let Some((key, value)) = shares.iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
+            return Err(usage!("`{key}` is {value}, expected 0 to 1"));
+        }
+        for (key, value) in [("entropy_coefficient", self.entropy_coefficient), ("lambda", self.lambda)] {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(usage!("`{key}` is {value}, expected 0 or more"));
+            }
+        }
+        if self.algorithm == Algorithm::Ippo && self.critic_input == CriticInput::AllObservations {
+            return Err(usage!(
+                "`algorithm` is ippo and `critic_input` all: critics that see everything are those of mappo; set \
+                 `critic_input` to joint or local, or `algorithm` to mappo"
+            ));
+        }
+        match self.train_p {
+            TrainP::Level(p) if !(0.0..=1.0).contains(&p) => {
+                return Err(usage!("`train_p` is {p}, expected a probability from 0 to 1, or \"uniform\""));
+            }
+            _ if !self.everything_arrives() && self.predictors.is_empty() => {
+                return Err(usage!(
+                    "`train_p` below 1 needs a predictor that imputes what is lost; name one in `predictors`"
+                ));
+            }
+            _ => {}
+        }
+        if self.update_every > self.batch_episodes {
+            return Err(usage!(
+                "`update_every` is {} and `batch_episodes` {}: an update would never see some episodes",
+                self.update_every,
+                self.batch_episodes
+            ));
+        }
+        if self.replay_batch > self.replay_episodes {
+            return Err(usage!(
+                "`replay_batch` is {}, more than the {} of `replay_episodes`",
+                self.replay_batch,
+                self.replay_episodes
+            ));
+        }
+        if let Some(name) = self.predictors.iter().find(|name| objective(name, 1.0).is_none()) {
+            return Err(usage!(
+                "there is no predictor `{name}`; there are value-aware, maro, lambda0 and maro-carry"
+            ));
+        }
+        self.networks().check().map_err(|e| usage!("{e}"))
+    }
+}
