@@ -138,7 +138,7 @@ fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
 /// A number of steps with its unit: millions or thousands where there are some.
 fn thousands(steps: u64) -> String {
     match steps {
-        1_000_000.. => format!("{} M", steps as f64 / 1e6),
+        100_000.. => format!("{} M", steps as f64 / 1e6),
         1_000.. => format!("{} k", steps as f64 / 1e3),
         _ => steps.to_string(),
     }
