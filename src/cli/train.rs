@@ -142,11 +142,10 @@ impl Train {
             keep_candle_to_its_thread()?;
         }
         let out = self.out.clone().unwrap_or_else(|| default_out(&config));
-        match self.resume {
-            true => RunFolder::check_run(&out)?,
-            false => RunFolder::check_free(&out)?,
-        }
         if self.dry_run {
+            if !self.resume {
+                RunFolder::check_free(&out)?;
+            }
             return self.print_plan(&config, &out);
         }
         let folder = RunFolder::open(&out)?;
