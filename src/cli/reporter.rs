@@ -28,7 +28,7 @@ impl Reporter {
     /// Begins with the run.
     pub fn new(run: &Run) -> Reporter {
         let bar = std::io::stderr().is_terminal().then(|| {
-            // Not wider than 80 columns with two predictors.
+            // Not wider than 80 columns with two predictors; a return is that of the latest test.
             let style = ProgressStyle::with_template("{bar:10} {percent:>2}% {wide_msg}");
             let style = style.expect("the template is well-formed");
             ProgressBar::with_draw_target(Some(run.config().steps), ProgressDrawTarget::stderr())
@@ -64,7 +64,7 @@ impl Reporter {
         }
         let left = run.config().steps.saturating_sub(run.timestep()) as f64 / per_second;
         let left = HumanDuration(Duration::from_secs_f64(left.min(1e9)));
-        format!("{per_second:.0} steps/s, {left:#} left")
+        format!("{per_second:.0}/s, {left:#} left")
     }
 }
 
@@ -73,5 +73,5 @@ fn latest_returns(trials: &[Trial]) -> String {
     let Some(everything) = trials.first() else { return String::new() };
     let nothing = trials.iter().filter(|trial| trial.level == 0.0);
     let nothing = nothing.map(|trial| format!(" {} {:.0}", trial.imputer, trial.return_mean));
-    format!("; return {:.1}, p=0:{}", everything.return_mean, nothing.collect::<String>())
+    format!("; p=1: {:.1}, p=0:{}", everything.return_mean, nothing.collect::<String>())
 }
