@@ -3,6 +3,7 @@
 mod bench;
 mod campaign;
 mod doctor;
+mod export;
 mod import;
 mod inspect;
 mod plot;
@@ -53,6 +54,8 @@ enum Command {
     Tasks(tasks::Tasks),
     /// Turn a policy of the paper's published code into a policy file
     Import(import::Import),
+    /// Write a policy in half precision, for keeping
+    Export(export::Export),
     /// Say what a policy, checkpoint, trace or recording holds
     Inspect(inspect::Inspect),
     /// Recompute recordings, traces and updates and compare
@@ -84,6 +87,7 @@ impl Cli {
             Command::Train(command) => command.run(),
             Command::Tasks(command) => command.run(),
             Command::Import(command) => command.run(),
+            Command::Export(command) => command.run(),
             Command::Inspect(command) => command.run(),
             Command::Verify(command) => command.run(),
             Command::Plot(command) => command.run(),
@@ -152,7 +156,8 @@ fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String
     table.to_string().lines().map(padding).collect()
 }
 
-/// Reads `--policy`: a file, a folder that holds `policy.safetensors`, `builtin` or `untrained`.
+/// Reads `--policy`: a file, a folder that holds `policy.safetensors`, the name of a pretrained policy in the
+/// checkout that is the working directory, `builtin` or `untrained`.
 fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
     match name {
         "builtin" => return Ok(PolicySource::Builtin),
@@ -160,7 +165,12 @@ fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
         _ => {}
     }
     let path = Path::new(name);
-    let file = if path.is_dir() { path.join("policy.safetensors") } else { PathBuf::from(path) };
+    let pretrained = Path::new("agents/pretrained").join(format!("{name}.safetensors"));
+    let file = match path {
+        _ if path.is_dir() => path.join("policy.safetensors"),
+        _ if !path.exists() && pretrained.exists() => pretrained,
+        _ => PathBuf::from(path),
+    };
     if file.exists() {
         // Agents are told the path, whatever folder they run in.
         return file.canonicalize().map(PolicySource::File).map_err(|e| Error::io("open", &file, e));

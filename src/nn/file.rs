@@ -6,6 +6,7 @@ use super::weights::Line;
 use crate::error::{Error, Result};
 use crate::file::AtomicFile;
 use crate::{failed, usage};
+use half::f16;
 use memmap2::Mmap;
 use safetensors::{Dtype, SafeTensors};
 use serde::de::{DeserializeOwned, IntoDeserializer};
@@ -31,15 +32,26 @@ pub struct PolicyFile {
     pub(super) data: usize,
 }
 
-/// A tensor in a policy file. All are f32.
+/// A tensor in a policy file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FileTensor {
     /// Its name.
     pub name: String,
     /// Its shape.
     pub shape: Vec<usize>,
-    /// The index of its first value among all values of the file.
+    /// How its values are stored.
+    pub precision: Precision,
+    /// Its first byte, counted from the first byte of all values.
     pub(super) start: usize,
+}
+
+/// How values are stored. Networks always run on f32.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// f32: mapped, and used where it is.
+    Full,
+    /// f16: half the size, for keeping; converted when a policy is opened.
+    Half,
 }
 
 impl PolicyFile {
@@ -66,11 +78,17 @@ impl PolicyFile {
 
         let mut tensors = Vec::new();
         for (name, info) in content.tensors() {
-            if info.dtype != Dtype::F32 {
-                return Err(failed!("{source}: tensor {name} is {}, expected F32", info.dtype));
-            }
-            let start = info.data_offsets.0 / size_of::<f32>();
-            tensors.push(FileTensor { name, shape: info.shape.clone(), start });
+            let precision = match info.dtype {
+                Dtype::F32 => Precision::Full,
+                Dtype::F16 => Precision::Half,
+                other => return Err(failed!("{source}: tensor {name} is {other}, expected F32 or F16")),
+            };
+            tensors.push(FileTensor {
+                name,
+                shape: info.shape.clone(),
+                precision,
+                start: info.data_offsets.0,
+            });
         }
         tensors.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(PolicyFile { meta, networks, tensors, data: size_of::<u64>() + header })
@@ -78,6 +96,23 @@ impl PolicyFile {
 }
 
 impl FileTensor {
+    /// Its values, in the bytes of all values.
+    pub(super) fn values(&self, data: &[u8]) -> Vec<f32> {
+        let bytes = &data[self.start..];
+        match self.precision {
+            Precision::Full => {
+                let values = bytes.chunks_exact(size_of::<f32>()).take(self.n_values());
+                values.map(|bytes| f32::from_le_bytes(bytes.try_into().expect("four bytes"))).collect()
+            }
+            Precision::Half => {
+                let values = bytes.chunks_exact(size_of::<f16>()).take(self.n_values());
+                values
+                    .map(|bytes| f16::from_le_bytes(bytes.try_into().expect("two bytes")).to_f32())
+                    .collect()
+            }
+        }
+    }
+
     /// The number of values.
     pub fn n_values(&self) -> usize {
         self.shape.iter().product()
@@ -103,28 +138,34 @@ pub(super) fn write<'a>(
     path: &Path,
     meta: &Meta,
     networks: &Networks,
+    precision: Precision,
     tensors: impl Iterator<Item = (&'a str, &'a [usize], &'a [f32])>,
 ) -> Result<()> {
     let (mut tensors, others): (Vec<_>, Vec<_>) =
         tensors.partition(|(_, _, values)| values.len() % Line::VALUES == 0);
     tensors.extend(others);
-    write_tensors(path, &words(meta, networks), &tensors)
+    write_tensors(path, &words(meta, networks), precision, &tensors)
 }
 
-/// Writes a safetensors file of f32 tensors (name, shape, values) in this order: beside `path` first, and then
+/// Writes a safetensors file of tensors (name, shape, values) in this order: beside `path` first, and then
 /// renamed, so that there is always a whole one. The header is padded to whole cache lines.
 pub(crate) fn write_tensors(
     path: &Path,
     metadata: &BTreeMap<&str, String>,
+    precision: Precision,
     tensors: &[(&str, &[usize], &[f32])],
 ) -> Result<()> {
+    let (dtype, size) = match precision {
+        Precision::Full => ("F32", size_of::<f32>()),
+        Precision::Half => ("F16", size_of::<f16>()),
+    };
     let mut header = Map::new();
     header.insert("__metadata__".to_string(), json!(metadata));
     let mut offset = 0;
     for (name, shape, values) in tensors {
-        let end = offset + size_of_val(*values);
+        let end = offset + values.len() * size;
         header
-            .insert(name.to_string(), json!({"dtype": "F32", "shape": shape, "data_offsets": [offset, end]}));
+            .insert(name.to_string(), json!({"dtype": dtype, "shape": shape, "data_offsets": [offset, end]}));
         offset = end;
     }
     let mut header = Value::Object(header).to_string().into_bytes();
@@ -135,7 +176,13 @@ pub(crate) fn write_tensors(
     let mut put = || -> std::io::Result<()> {
         file.write_all(&(length as u64).to_le_bytes())?;
         file.write_all(&header)?;
-        tensors.iter().try_for_each(|(_, _, values)| file.write_all(bytemuck::cast_slice(values)))
+        tensors.iter().try_for_each(|(_, _, values)| match precision {
+            Precision::Full => file.write_all(bytemuck::cast_slice(values)),
+            Precision::Half => {
+                let halves = values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes());
+                file.write_all(&halves.collect::<Vec<u8>>())
+            }
+        })
     };
     put().map_err(|error| Error::io("write", path, error.kind()))?;
     file.commit()

@@ -24,7 +24,7 @@ mod tests;
 mod weights;
 
 pub use actor::Actor;
-pub use file::PolicyFile;
+pub use file::{PolicyFile, Precision};
 pub(crate) use file::{map, write_tensors};
 pub use import::import;
 pub(crate) use import::key;

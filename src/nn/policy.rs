@@ -1,7 +1,7 @@
 //! A policy: the actors of all agents, and the predictors that keep their joint estimate alive.
 
 use super::actor::{Actor, Middle};
-use super::file::{self, PolicyFile};
+use super::file::{self, PolicyFile, Precision};
 use super::layers::{Cell, Linear};
 use super::networks::{ActorKind, Networks, Sharing, TensorSpec};
 use super::predictor::Predictor;
@@ -58,7 +58,7 @@ impl Meta {
 
 impl Policy {
     /// The policy in the file at `path`. Its weights are mapped, not copied: they are in memory once for all
-    /// processes that open the file.
+    /// processes that open the file. (Those stored as f16 have to be converted, and are not.)
     ///
     /// # Errors
     /// `Usage` if there is no such file, or it is not a policy, or one for another task; `Failed` if it is
@@ -68,6 +68,9 @@ impl Policy {
         let map = file::map(path)?;
         let source = path.display().to_string();
         let file = PolicyFile::parse(&map, &source)?;
+        if file.tensors.iter().any(|tensor| tensor.precision == Precision::Half) {
+            return Policy::converted(file, &map, dims, &source);
+        }
         let storage = Storage::mapped(map, file.data);
         Policy::from_file(file, storage, dims, &source)
     }
@@ -80,6 +83,9 @@ impl Policy {
     pub fn from_static(bytes: &'static [u8], dims: &Dims) -> Result<Policy> {
         let source = "the embedded policy";
         let file = PolicyFile::parse(bytes, source)?;
+        if file.tensors.iter().any(|tensor| tensor.precision == Precision::Half) {
+            return Policy::converted(file, bytes, dims, source);
+        }
         let storage = Storage::from_static(&bytes[file.data..]);
         Policy::from_file(file, storage, dims, source)
     }
@@ -139,8 +145,31 @@ impl Policy {
     /// # Errors
     /// `Failed` if it cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
+        self.write(path, Precision::Full)
+    }
+
+    /// As [`save`](Policy::save), with f16 values: half the size, for keeping.
+    ///
+    /// # Errors
+    /// `Failed` if it cannot be written, or a value is too large for that.
+    pub fn save_half(&self, path: &Path) -> Result<()> {
+        const LARGEST: f32 = 65504.0;
+        for (spec, tensor) in self.tensors() {
+            if let Some(value) = tensor.values().iter().find(|value| value.abs() > LARGEST) {
+                return Err(failed!("tensor {} holds {value}, more than f16 can say", spec.name));
+            }
+        }
+        self.write(path, Precision::Half)
+    }
+
+    fn write(&self, path: &Path, precision: Precision) -> Result<()> {
         let tensors = self.tensors().map(|(spec, tensor)| (&spec.name[..], &spec.shape[..], tensor.values()));
-        file::write(path, &self.meta, &self.networks, tensors)
+        file::write(path, &self.meta, &self.networks, precision, tensors)
+    }
+
+    /// Whether its weights are in memory once for all processes that open it: mapped, or part of the program.
+    pub fn is_shared(&self) -> bool {
+        self.tensors.iter().all(|(_, tensor)| tensor.storage.is_shared())
     }
 
     /// The actor of this agent, which must be one of the task's.
@@ -214,6 +243,17 @@ impl Policy {
         start..start + length
     }
 
+    /// The policy in the `bytes` of a file that is not all f32, in memory of its own.
+    fn converted(mut file: PolicyFile, bytes: &[u8], dims: &Dims, source: &str) -> Result<Policy> {
+        let values = file.tensors.iter().map(|tensor| tensor.values(&bytes[file.data..]));
+        let values: Vec<Vec<f32>> = values.collect();
+        let (storage, ranges) = Storage::copy(values.iter().map(|values| &values[..]));
+        for (tensor, range) in file.tensors.iter_mut().zip(ranges) {
+            (tensor.precision, tensor.start) = (Precision::Full, range.start * size_of::<f32>());
+        }
+        Policy::from_file(file, storage, dims, source)
+    }
+
     /// Checks what `file` promises against what `dims` needs and `storage` holds.
     fn from_file(file: PolicyFile, storage: Storage, dims: &Dims, source: &str) -> Result<Policy> {
         let PolicyFile { meta, networks, tensors: found, .. } = file;
@@ -236,7 +276,8 @@ impl Policy {
                 let (found, expected) = (&tensor.shape, &spec.shape);
                 return Err(failed!("{source}: tensor {} is {found:?}, expected {expected:?}", spec.name));
             }
-            let range = tensor.start..tensor.start + spec.n_values();
+            let start = tensor.start / size_of::<f32>();
+            let range = start..start + spec.n_values();
             tensors.push((spec, Tensor::new(storage.clone(), range)));
         }
         Policy::assemble(dims, meta, networks, tensors, source)

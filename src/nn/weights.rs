@@ -83,6 +83,11 @@ impl Storage {
         }
     }
 
+    /// Whether it is in memory once, however many processes use it.
+    pub(super) fn is_shared(&self) -> bool {
+        !matches!(self, Storage::Owned { .. })
+    }
+
     fn copy_of_bytes(bytes: &[u8]) -> Storage {
         let mut lines = vec![Line::ZERO; bytes.len().div_ceil(Line::BYTES)];
         bytemuck::cast_slice_mut(&mut lines)[..bytes.len()].copy_from_slice(bytes);

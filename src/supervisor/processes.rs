@@ -224,7 +224,7 @@ fn share_weights(
     directory: &SwarmDirectory,
 ) -> Result<AgentSettings> {
     let mut settings = settings.clone();
-    if let PolicySource::Untrained(_) | PolicySource::Training = settings.policy {
+    if settings.policy == PolicySource::Training || !policy.is_shared() {
         let path = directory.path().join("policy.safetensors");
         policy.save(&path)?;
         settings.policy = PolicySource::File(path);

@@ -19,7 +19,7 @@ use super::rows::Averages;
 use super::state::Counters;
 use super::team::Team;
 use crate::error::{Error, Result};
-use crate::nn::{map, write_tensors};
+use crate::nn::{Precision, map, write_tensors};
 use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
 
@@ -83,7 +83,7 @@ impl State {
         }
         let tensors: Vec<_> =
             tensors.iter().map(|(name, shape, values)| (*name, &shape[..], *values)).collect();
-        write_tensors(path, &metadata, &tensors)
+        write_tensors(path, &metadata, Precision::Full, &tensors)
     }
 
     /// Takes over what a checkpoint of this configuration holds.

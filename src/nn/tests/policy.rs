@@ -37,6 +37,32 @@ fn an_opened_policy_is_mapped_and_its_matrices_lie_on_cache_lines() {
 }
 
 #[test]
+fn half_precision_is_half_the_size_and_rounds_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let [full, half] = ["full", "half"].map(|name| folder.path().join(name));
+    let policy = Policy::untrained(&dims(), 3, Networks::paper(ActorKind::Gru)).unwrap();
+    policy.save(&full).unwrap();
+    policy.save_half(&half).unwrap();
+    let [full, bytes] = [&full, &half].map(|path| std::fs::read(path).unwrap());
+    assert!(bytes.len() < full.len() * 52 / 100, "{} of {}", bytes.len(), full.len());
+    let opened = Policy::open(&half, &dims()).unwrap();
+    assert!(!opened.is_shared());
+    for (value, kept) in values(&policy).iter().zip(values(&opened)) {
+        // f16 has 11 significant bits, and steps of 2^-24 below 2^-14.
+        assert!((value - kept).abs() <= (value.abs() / 2048.0).max(2f32.powi(-25)), "{value} became {kept}");
+    }
+    opened.save_half(&half).unwrap();
+    assert_eq!(std::fs::read(&half).unwrap(), bytes, "what is rounded once stays");
+    let embedded = Policy::from_static(bytes.leak(), &dims()).unwrap();
+    assert_eq!(bits(&values(&embedded)), bits(&values(&opened)));
+
+    let mut large = values(&policy);
+    large[7] = 1e5;
+    let error = policy.with_values(&large).unwrap().save_half(&half).unwrap_err().to_string();
+    assert!(error.contains("actors.0.fc1.weight holds 100000"), "{error}");
+}
+
+#[test]
 fn embedded_bytes_make_a_policy_wherever_they_lie() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("policy.safetensors");
