@@ -13,7 +13,7 @@ use crate::{failed, usage};
 
 /// The policies inside the program: (task, policy file).
 pub static BUILTIN: [(&str, &Aligned<[u8]>); 2] = [
-    ("hear-see", &Aligned(*include_bytes!("pretrained/hear-see.safetensors"))),
+    ("hear-see", &Aligned(*include_bytes!("pretrained/hear-see/seed-0.safetensors"))),
     ("spread-xy-4", &Aligned(*include_bytes!("pretrained/spread-xy-4.safetensors"))),
 ];
 

@@ -4,14 +4,14 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use common::{fail, run, succeed};
+use common::{data, fail, run, succeed};
 
 /// A folder with a policy file for hear-see.
 fn with_policy() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("policy.safetensors");
-    let pretrained = Path::new(env!("CARGO_MANIFEST_DIR")).join("agents/pretrained/hear-see.safetensors");
-    std::fs::copy(pretrained, &path).unwrap();
+    let imported = data("traces/hear-see/policy.safetensors");
+    std::fs::copy(imported, &path).unwrap();
     (folder, path)
 }
 

@@ -159,3 +159,21 @@ fn the_log_of_the_bus_is_off_unless_asked_for() {
 fn agents_are_not_for_the_command_line() {
     fail("agent {}", 2, &["for the supervisor"]);
 }
+
+#[test]
+fn pretrained_policies_are_found_by_name_in_a_checkout() {
+    let checkout = env!("CARGO_MANIFEST_DIR");
+    let spawn = |name: &str| {
+        let words = format!("spawn --policy {name} --episodes 2 --worlds 2 --p 0.4 --json");
+        let output = common::command(&words).current_dir(checkout).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let (first, second) = (spawn("hear-see/seed-0"), spawn("hear-see/seed-1"));
+    assert_eq!((&first["task"], &second["task"]), (&"hear-see".into(), &"hear-see".into()));
+    assert_ne!(first["return_mean"], second["return_mean"]);
+    // Kept in half precision they come to agents as they come to a team without processes.
+    let words = "spawn --policy builtin --task hear-see --episodes 2 --worlds 2 --p 0.4 --json --in-process";
+    let builtin: Value = serde_json::from_str(&succeed(words)).unwrap();
+    assert_eq!(first["return_mean"], builtin["return_mean"]);
+}

@@ -66,7 +66,13 @@ fn a_run_leaves_what_it_promises() {
         assert!(header.split(',').any(|name| name == column), "{column} is not in {header}");
     }
     assert!(fs::read_to_string(run.join("config.toml")).unwrap().contains("hidden = 32"));
-    // The policy is one like any other.
+    // The policy is one like any other, and can be kept in half the size.
+    let kept = folder.path("kept.safetensors");
+    succeed(&format!("export {} --out {}", run.display(), kept.display()));
+    assert!(
+        kept.metadata().unwrap().len() < run.join("policy.safetensors").metadata().unwrap().len() * 6 / 10
+    );
+    succeed(&format!("spawn --policy {} --episodes 1", kept.display()));
     let inspected = succeed(&format!("inspect {}", run.join("policy.safetensors").display()));
     assert!(inspected.contains("mappo, 6000 env steps"), "{inspected}");
     for imputer in ["value-aware", "maro"] {

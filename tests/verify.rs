@@ -26,7 +26,7 @@ fn the_worlds_agree_with_the_reference_environments() {
 
 #[test]
 fn the_agents_agree_with_the_papers_code() {
-    let table = succeed(&format!("verify {} --policy builtin", data("traces").display()));
+    let table = succeed(&format!("verify {}", data("traces").display()));
     assert!(table.contains("all 18 comparisons hold"), "{table}");
     for what in ["joint estimates", "joint estimates, median", "logits", "logits, median"] {
         assert_eq!(table.matches(&format!("{what}  ")).count(), 2, "{what}: {table}");
@@ -180,7 +180,8 @@ fn a_recorded_swarm_is_taken_back() {
 #[test]
 fn tampering_is_found() {
     let folder = tempfile::tempdir().unwrap();
-    let (recording, trace) = (data("recordings/spread-xy-2.json"), data("traces/hear-see.json"));
+    let (recording, trace) = (data("recordings/spread-xy-2.json"), data("traces/hear-see/trace.json"));
+    let policy = data("traces/hear-see").display().to_string();
     for (source, pointer, value) in [
         (&recording, "/episodes/0/agent_pos/7/1/0", Value::from(0.123)),
         (&recording, "/episodes/0/team_reward/3", Value::from(-1.0)),
@@ -192,14 +193,15 @@ fn tampering_is_found() {
         (&trace, "/episodes/3/delivered/9/0/1", Value::from(1)),
     ] {
         let path = tampered(source, folder.path(), pointer, value);
-        fail(&format!("verify {path} --policy builtin"), 1, &["do not hold"]);
+        fail(&format!("verify {path} --policy {policy}"), 1, &["do not hold"]);
     }
 }
 
 #[test]
 fn broken_recordings_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let (recording, trace) = (data("recordings/spread-xy-2.json"), data("traces/hear-see.json"));
+    let (recording, trace) = (data("recordings/spread-xy-2.json"), data("traces/hear-see/trace.json"));
+    let policy = data("traces/hear-see").display().to_string();
     for (source, pointer, value, says) in [
         (&recording, "/episodes/0/agent_pos/7", Value::from(Vec::<Value>::new()), "agent_pos"),
         (&recording, "/episodes/0/actions/0/0", Value::from(9), "no action 9"),
@@ -216,7 +218,7 @@ fn broken_recordings_are_refused() {
         let with_imputer = folder.path().join("with-imputer.json");
         std::fs::write(&with_imputer, json.to_string()).unwrap();
         let path = tampered(&with_imputer, folder.path(), pointer, value);
-        let output = run(&format!("verify {path} --policy builtin"));
+        let output = run(&format!("verify {path} --policy {policy}"));
         let stderr = common::stderr(&output);
         assert!(matches!(output.status.code(), Some(1 | 2)), "{pointer}: {stderr}");
         assert!(stderr.contains(says) && !stderr.contains("panicked"), "{pointer}: {stderr}");
@@ -256,6 +258,8 @@ fn nothing_compared_is_a_failure() {
 
 #[test]
 fn a_trace_without_a_policy_says_where_to_put_one() {
-    let trace = data("traces/hear-see.json");
-    fail(&format!("verify {}", trace.display()), 2, &["--policy", "policy.safetensors"]);
+    let folder = tempfile::tempdir().unwrap();
+    let alone = folder.path().join("trace.json");
+    std::fs::copy(data("traces/hear-see/trace.json"), &alone).unwrap();
+    fail(&format!("verify {}", alone.display()), 2, &["--policy", "policy.safetensors"]);
 }

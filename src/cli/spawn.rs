@@ -51,8 +51,9 @@ pub struct Spawn {
     #[arg(long)]
     no_comm_at_t0: bool,
 
-    /// Policy: a file, a folder with policy.safetensors, builtin, or untrained (random weights)
-    #[arg(long, value_name = "FILE|DIR|builtin|untrained", default_value = "builtin")]
+    /// Policy: a file, a folder with policy.safetensors, a pretrained one by its name in a checkout (such
+    /// as hear-see/seed-1), builtin, or untrained (random weights)
+    #[arg(long, value_name = "FILE|DIR|NAME", default_value = "builtin")]
     policy: String,
 
     /// What stands for lost observations: a predictor of the policy, hold (last received) or zero
