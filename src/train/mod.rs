@@ -8,6 +8,15 @@
 //!
 //! Read [`Team::update`] first: it is one update of everything. Networks learn side by side on as many threads
 //! as they are given, and the result is the same to the last bit for any number of them.
+//!
+//! Around it is the run:
+//!
+//! ```text
+//!     Layer, Preset -> Config -> Trainer: Rollout -> Batch, Replay -> Team -> weights for the agents
+//!                                Run:     a row of metrics with its test (trial), a checkpoint, the folder
+//! ```
+//!
+//! [`Run::train`] is the loop; [`estimate`] and [`Throughput`] run it without a folder.
 
 mod actor;
 mod batch;
@@ -17,6 +26,7 @@ mod critic;
 mod folder;
 mod layer;
 pub mod memory;
+mod memory_needed;
 pub mod network;
 mod parameters;
 mod plan;

@@ -1,7 +1,7 @@
 //! Playing and learning by turns: the loop of training without the folder that keeps it.
 
 use super::checkpoint::{Checkpoint, Progress, State, available_actions};
-use super::plan::check_memory;
+use super::memory_needed::check_memory;
 use super::replay::Replay;
 use super::{Algorithm, Batch, Config, Rollout, Team};
 use crate::agents::{AgentSettings, PolicySource, dims};
