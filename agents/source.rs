@@ -12,8 +12,10 @@ use crate::world::{N_ACTIONS, Task};
 use crate::{failed, usage};
 
 /// The policies inside the program: (task, policy file).
-pub static BUILTIN: [(&str, &Aligned<[u8]>); 2] = [
+pub static BUILTIN: [(&str, &Aligned<[u8]>); 4] = [
     ("hear-see", &Aligned(*include_bytes!("pretrained/hear-see/seed-0.safetensors"))),
+    ("speaker-listener", &Aligned(*include_bytes!("pretrained/speaker-listener/seed-0.safetensors"))),
+    ("spread-xy-2", &Aligned(*include_bytes!("pretrained/spread-xy-2/seed-0.safetensors"))),
     ("spread-xy-4", &Aligned(*include_bytes!("pretrained/spread-xy-4.safetensors"))),
 ];
 
