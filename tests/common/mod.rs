@@ -1,6 +1,8 @@
 //! Running the real binary.
 #![allow(dead_code)] // Each test binary uses its part.
 
+pub mod training;
+
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
