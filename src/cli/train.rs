@@ -334,10 +334,11 @@ impl Train {
         if steps == from {
             return print(&format!("{name}: {folder} has all of its {steps} env steps; more with --steps\n"));
         }
+        let curves = if config.test_episodes > 0 { "curves.svg, " } else { "" };
         let since = if from > 0 { format!(" from {from} on") } else { String::new() };
         print(&format!(
             "{name}: {steps} env steps{since} in {:.1} s ({per_second:.0}/s)\n{}wrote {folder}: policy.safetensors, \
-             metrics.csv, curves.svg, ..\n",
+             metrics.csv, {curves}..\n",
             elapsed.as_secs_f64(),
             returns_table(run.trials(), config.test_episodes),
         ))

@@ -25,6 +25,7 @@ use crate::agents::now_ns;
 use crate::bus::{Decision, Header, Layout};
 use crate::error::Result;
 use crate::failed;
+use crate::nn::kernels::all_finite;
 use crate::world::Task;
 
 /// What the supervisor gives a team at a tick.
@@ -78,12 +79,11 @@ fn check_weights(expected: usize, weights: &[f32]) -> Result<()> {
     if weights.len() != expected {
         return Err(failed!("a team got {} new weights, its policy has {expected}", weights.len()));
     }
-    match weights.iter().position(|weight| !weight.is_finite()) {
-        Some(at) => {
-            Err(failed!("new weight {at} is {}: training went astray, try smaller steps", weights[at]))
-        }
-        None => Ok(()),
+    if all_finite(weights) {
+        return Ok(());
     }
+    let at = weights.iter().position(|weight| !weight.is_finite()).expect("not all are finite");
+    Err(failed!("new weight {at} is {}: training went astray, try smaller steps", weights[at]))
 }
 
 impl Tick<'_> {

@@ -236,7 +236,7 @@ impl Config {
 
     /// Whether all observations are delivered while the policy trains.
     pub fn everything_arrives(&self) -> bool {
-        self.train_p == TrainP::Level(1.0)
+        self.links().is_lossless()
     }
 
     /// What imputes while the policy trains: nothing has to where everything is delivered.

@@ -8,6 +8,7 @@ use super::memory::Flat;
 use super::parameters::Parameters;
 use super::team::Team;
 use crate::nn::TensorSpec;
+use crate::nn::kernels::all_finite;
 
 /// What a team has counted.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,7 +99,7 @@ impl Team {
 
     /// Whether every weight is a finite number.
     pub fn is_finite(&self) -> bool {
-        self.networks().all(|network| network.values.all().iter().all(|value| value.is_finite()))
+        self.networks().all(|network| all_finite(network.values.all()))
     }
 
     /// The networks that learn: actors, critics, predictors.

@@ -6,6 +6,7 @@ use super::replay::Replay;
 use super::{Algorithm, Batch, Config, Rollout, Team};
 use crate::agents::{AgentSettings, PolicySource, dims};
 use crate::error::Result;
+use crate::nn::kernels::all_finite;
 use crate::nn::{Meta, Policy};
 use crate::supervisor;
 use crate::world::{EPISODE_STEPS, Task};
@@ -107,7 +108,7 @@ impl Trainer {
         let losses = team.update(batch, &replays);
         progress.averages.push_update(&self.config, losses).map_err(Diverged)?;
         team.policy_values(&mut self.weights);
-        match self.weights.iter().all(|weight| weight.is_finite()) {
+        match all_finite(&self.weights) {
             true => Ok(Some(&self.weights)),
             false => Err(Diverged("a weight is no longer a finite number".to_owned())),
         }

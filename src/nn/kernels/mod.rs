@@ -15,6 +15,7 @@
 //! | [`sum_rows`], [`relu_backward`] | derivatives of a bias and of `relu` |
 //! | [`gru_forward`], [`gru_backward`], [`lstm_forward`], [`lstm_backward`] | recurrent steps that can be taken back |
 //! | [`sum_of_squares`], [`adam`] | the optimiser, in one pass over memory |
+//! | [`all_finite`] | whether training has kept its numbers |
 //!
 //! Matrices are row-major; a weight is stored *input-major*, `[inputs, outputs]`, because then the weights
 //! that meet one input lie side by side and a product streams them once from front to back.
@@ -142,6 +143,12 @@ pub fn sum_rows(d: &[f32], sum: &mut [f32]) {
 pub fn relu_backward(y: &[f32], d: &mut [f32]) {
     assert_eq!(y.len(), d.len(), "relu_backward: lengths differ");
     ARCH.dispatch(elementwise::ReluBackward(y, d));
+}
+
+/// Whether no value is infinite or NaN. It looks at all of them, several at a time, because hardly ever is
+/// one to be found.
+pub fn all_finite(values: &[f32]) -> bool {
+    values.iter().fold(true, |finite, value| finite & value.is_finite())
 }
 
 /// [`gru_gates`] that can be taken back: `after` `[rows, h]` follows on `before`, and r, z and n replace the

@@ -1,6 +1,19 @@
 use super::elementwise::{Relu, Sigmoid, Tanh};
 use super::linear::Linear;
 use super::*;
+
+#[test]
+fn what_is_not_finite_is_found_wherever_it_is() {
+    let mut values = vec![f32::MAX; 37];
+    assert!(all_finite(&values) && all_finite(&[]));
+    for at in [0, 16, 36] {
+        for wrong in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
+            values[at] = wrong;
+            assert!(!all_finite(&values));
+        }
+        values[at] = -0.0;
+    }
+}
 use crate::rng::{Draws, Purpose};
 use proptest::prelude::*;
 
