@@ -12,7 +12,7 @@
 //!
 //! | room | what is in it |
 //! |---|---|
-//! | [`error`], [`file`](mod@file), [`rng`], [`stats`] | errors with exit codes, files that appear whole, addressed draws, statistics |
+//! | [`error`], [`file`](mod@file), [`rng`], [`stats`], [`threads`] | errors with exit codes, files that appear whole, addressed draws, statistics, work side by side |
 //! | [`world`] | physics and tasks |
 //! | [`link`] | who receives whom |
 //! | [`nn`] | actor, predictor, kernels, policy file |
@@ -23,6 +23,7 @@
 //! | [`train`] | how a team learns: actors, critics, predictors, one update |
 //! | [`metrics`] | what a training run writes down as it goes |
 //! | [`plot`] | charts as SVG |
+//! | [`evaluate`] | how robust frozen policies are: sweeps, statistics, a report |
 //! | [`verify`] | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
 
@@ -33,6 +34,7 @@ pub mod agents;
 pub mod bus;
 pub mod cli;
 pub mod error;
+pub mod evaluate;
 pub mod file;
 pub mod link;
 pub mod metrics;
@@ -42,6 +44,7 @@ pub mod recording;
 pub mod rng;
 pub mod stats;
 pub mod supervisor;
+pub mod threads;
 pub mod train;
 pub mod verify;
 pub mod world;

@@ -30,6 +30,8 @@ pub enum Purpose {
     /// Which remembered episodes a predictor learns from; the "episode" is the update, the "step" the
     /// predictor's step in it.
     Replay = 7,
+    /// Which episodes a bootstrap resample consists of; the "episode" is the stratum, the "step" the resample.
+    Bootstrap = 8,
 }
 
 /// The draws of one (seed, purpose, episode, step).

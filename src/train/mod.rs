@@ -43,7 +43,6 @@ mod state;
 mod team;
 #[cfg(test)]
 mod tests;
-mod threads;
 mod throughput;
 mod trainer;
 mod trial;

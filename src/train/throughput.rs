@@ -3,12 +3,12 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use super::threads::side_by_side;
 use super::trainer::{Diverged, Trainer};
 use super::trial::test;
 use super::{Busy, Config};
 use crate::error::Result;
 use crate::nn::kernels::{self, Start};
+use crate::threads::side_by_side;
 use crate::world::EPISODE_STEPS;
 use crate::{failed, supervisor};
 

@@ -4,13 +4,13 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 
 use super::config::Config;
-use super::threads::side_by_side;
 use crate::agents::{AgentSettings, ImputerName, PolicySource};
 use crate::error::Result;
 use crate::link::{LinkModel, Links};
 use crate::nn::Policy;
 use crate::stats::{mean, std};
 use crate::supervisor::{InProcess, Session};
+use crate::threads::side_by_side;
 use crate::world::Task;
 
 /// The levels that are tested: probabilities of delivery.

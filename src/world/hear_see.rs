@@ -1,7 +1,7 @@
 //! Hear-see: one agent is told where the goal is, the other sees where both agents are.
 
 use super::physics::Body;
-use super::{World, write};
+use super::{Observed, World, write};
 
 pub(super) const SUMMARY: &str = "one agent knows the goal, the other sees both agents; both go to the goal";
 pub(super) const N_AGENTS: usize = 2;
@@ -9,6 +9,21 @@ pub(super) const N_LANDMARKS: usize = 1;
 pub(super) const PADDED_OBS_DIM: usize = 8;
 pub(super) const OBS_DIMS: [usize; N_AGENTS] = [2, PADDED_OBS_DIM];
 const HEARS: usize = 0;
+
+/// See [`observe`].
+pub(super) const OBSERVED: [&[Observed]; N_AGENTS] = [
+    &[Observed::FIXED; 2],
+    &[
+        Observed::moving(4, 1.0),
+        Observed::moving(5, 1.0),
+        Observed::moving(6, 1.0),
+        Observed::moving(7, 1.0),
+        Observed::VELOCITY,
+        Observed::VELOCITY,
+        Observed::VELOCITY,
+        Observed::VELOCITY,
+    ],
+];
 
 pub(super) fn bodies() -> Vec<Body> {
     vec![Body::of_size(0.075); N_AGENTS]

@@ -7,6 +7,7 @@
 
 mod hear_see;
 mod names;
+mod observed;
 mod physics;
 mod speaker_listener;
 mod spread;
@@ -15,6 +16,7 @@ mod task;
 use glam::{DVec2, dvec2};
 
 use crate::rng::{Draws, Purpose};
+pub use observed::{Observed, Unit};
 pub use physics::{Body, Physics};
 use task::Family;
 pub use task::Task;

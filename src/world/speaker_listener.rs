@@ -1,7 +1,7 @@
 //! Speaker-listener: one agent knows the goal and cannot move, the other moves and listens.
 
 use super::physics::Body;
-use super::{World, write};
+use super::{Observed, World, write};
 
 pub(super) const SUMMARY: &str = "the speaker knows the goal and cannot move, the listener moves and is told";
 pub(super) const N_AGENTS: usize = 2;
@@ -12,6 +12,24 @@ pub(super) const PADDED_OBS_DIM: usize = 11;
 pub(super) const OBS_DIMS: [usize; N_AGENTS] = [3, PADDED_OBS_DIM];
 pub(super) const SPEAKER: usize = 0;
 const LISTENER: usize = 1;
+
+/// See [`observe`].
+pub(super) const OBSERVED: [&[Observed]; N_AGENTS] = [
+    &[Observed::WORD; N_LANDMARKS],
+    &[
+        Observed::VELOCITY,
+        Observed::VELOCITY,
+        Observed::moving(0, -1.0),
+        Observed::moving(1, -1.0),
+        Observed::moving(0, -1.0),
+        Observed::moving(1, -1.0),
+        Observed::moving(0, -1.0),
+        Observed::moving(1, -1.0),
+        Observed::WORD,
+        Observed::WORD,
+        Observed::WORD,
+    ],
+];
 
 pub(super) fn bodies() -> Vec<Body> {
     let listener = Body::of_size(0.075);

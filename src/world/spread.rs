@@ -5,7 +5,7 @@
 use glam::DVec2;
 
 use super::physics::Body;
-use super::{World, write};
+use super::{Observed, World, write};
 
 pub(super) const SUMMARY_XY: &str =
     "agents in pairs, each sees one axis of its pair; together they cover all landmarks without colliding";
@@ -14,6 +14,13 @@ pub(super) const SUMMARY_BLINDFOLD: &str =
 
 /// The dims of an observation that are the agent's own; the landmarks behind them are the same for all.
 pub(super) const UNIQUE_DIM: usize = 4;
+
+/// See [`observe_axis`].
+pub(super) const OBSERVED_XY: [Observed; UNIQUE_DIM] =
+    [Observed::moving(2, 1.0), Observed::moving(3, 1.0), Observed::VELOCITY, Observed::VELOCITY];
+/// See [`observe_self`].
+pub(super) const OBSERVED_BLINDFOLD: [Observed; UNIQUE_DIM] =
+    [Observed::VELOCITY, Observed::VELOCITY, Observed::moving(0, 1.0), Observed::moving(1, 1.0)];
 
 /// Team sizes and agent sizes (m) of the reference environments, smallest team first.
 pub(super) type Sizes = [(usize, f64); 3];

@@ -4,11 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Does `work` on every task, on `threads` threads, this one among them. A free thread takes the next task; no
 /// task sees another, so who does it makes no difference.
-pub(super) fn side_by_side<T: Send>(
-    threads: usize,
-    tasks: impl Iterator<Item = T> + Send,
-    work: impl Fn(T) + Sync,
-) {
+pub fn side_by_side<T: Send>(threads: usize, tasks: impl Iterator<Item = T> + Send, work: impl Fn(T) + Sync) {
     if threads <= 1 {
         return tasks.for_each(work);
     }

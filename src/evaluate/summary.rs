@@ -1,0 +1,116 @@
+//! What an evaluation says: estimates with intervals, group by group.
+
+use serde::Serialize;
+
+use super::evaluation::{Condition, Contender, Settings, UnitErrors};
+
+/// The statistics of an [`Evaluation`](super::Evaluation). `docs/metrics.md` defines each.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// How it was played.
+    pub settings: Settings,
+    /// Who was played.
+    pub contenders: Vec<Contender>,
+    /// One per task and way of training, in the order in which their first contenders were named.
+    pub groups: Vec<Group>,
+    /// Over tasks, one per algorithm, condition and imputer that was played in at least two tasks.
+    pub aggregates: Vec<Aggregate>,
+}
+
+/// Policies of one task that were trained alike: seeds of one method.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Group {
+    /// Id of the task.
+    pub task: String,
+    /// What trained them, and for how long where groups of the task differ in that: `mappo`, `mappo 20 M`.
+    pub label: String,
+    /// Indices into [`Summary::contenders`].
+    pub contenders: Vec<usize>,
+    /// Mean return of uniform actions from the same initial states: score 0.
+    pub random: Interval,
+    /// The imputer the others are compared with, if the group was played with it.
+    pub baseline: Option<String>,
+    /// Imputer by imputer, and each condition by condition.
+    pub imputers: Vec<ImputerSummary>,
+}
+
+/// How a group does with one imputer.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ImputerSummary {
+    /// Name of the imputer.
+    pub imputer: String,
+    /// Condition by condition, in the order in which they were asked for.
+    pub cells: Vec<CellSummary>,
+    /// Area under return over p, as a mean return over p; `None` for fewer than two levels.
+    pub return_area: Option<Interval>,
+    /// The same of the score.
+    pub score_area: Option<Interval>,
+    /// The lowest p at which the score is still 0.9, between levels by linear interpolation; `None` if it falls
+    /// short at the highest level or p = 1 was not played.
+    pub p_for_90: Option<Interval>,
+    /// Errors over all levels below 1, by unit and steps since last received.
+    pub errors: Vec<UnitErrors>,
+}
+
+/// How a group does with one imputer under one condition.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CellSummary {
+    /// The condition.
+    pub condition: Condition,
+    /// Mean return of each contender of the group.
+    pub seed_means: Vec<f64>,
+    /// Their (unbiased) standard deviation, as in the paper's tables; `None` for one contender.
+    pub seed_std: Option<f64>,
+    /// Mean return over all episodes of all contenders.
+    pub mean: Interval,
+    /// Interquartile mean of the same returns.
+    pub iqm: Interval,
+    /// Normalised score: 0 is [`Group::random`], 1 the same policy where everything is delivered; `None` unless
+    /// p = 1 was played.
+    pub score: Option<Interval>,
+    /// Against the baseline imputer; `None` for the baseline itself and where nothing can be lost.
+    pub comparison: Option<Comparison>,
+}
+
+/// An imputer against the baseline, episode by episode from the same initial states with the same draws.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Mean of the paired differences of return; positive is better than the baseline.
+    pub difference: Interval,
+    /// The difference as a share of the baseline's mean return, without its sign.
+    pub relative: f64,
+    /// Share of episodes that go better than with the baseline, ties half.
+    pub probability_of_improvement: Interval,
+    /// Standard deviation over seeds, divided by that of the baseline; `None` for one contender.
+    pub std_ratio: Option<f64>,
+}
+
+/// Scores over several tasks, after Agarwal et al. (2021).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Aggregate {
+    /// Label of the groups.
+    pub label: String,
+    /// The condition.
+    pub condition: Condition,
+    /// Name of the imputer.
+    pub imputer: String,
+    /// Ids of the tasks.
+    pub tasks: Vec<String>,
+    /// Policies, over all tasks.
+    pub runs: usize,
+    /// Mean score of all runs.
+    pub mean: Interval,
+    /// Interquartile mean of the scores of all runs.
+    pub iqm: Interval,
+}
+
+/// An estimate with its 95 % interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Interval {
+    /// The estimate.
+    pub value: f64,
+    /// Low end.
+    pub low: f64,
+    /// High end.
+    pub high: f64,
+}
