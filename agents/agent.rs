@@ -104,7 +104,7 @@ impl Agent {
             seed: settings.seed,
             greedy: settings.greedy,
             worlds,
-            imputer: settings.imputer.build(policy, layout, worlds)?,
+            imputer: settings.imputer.build(policy, &task, worlds)?,
             hidden: vec![0.0; worlds * actor.state_len()],
             scratch: Scratch::default(),
             parts: Parts {
@@ -112,7 +112,7 @@ impl Agent {
                 actor: policy.actor_range(index),
                 predictor: match &settings.imputer {
                     ImputerName::Predictor(name) => policy.predictor_range(name),
-                    ImputerName::Zero | ImputerName::Hold => None,
+                    ImputerName::Zero | ImputerName::Hold | ImputerName::Velocity => None,
                 },
             },
             actor,

@@ -64,8 +64,19 @@ enum Rule {
     Zero,
     /// As they are: what is not received counts as what was received last.
     Hold,
+    /// Places by their velocity, which stays as it is; the rest as with `Hold`.
+    Velocity(Vec<Motion>),
     /// By the predictor's mean delta.
     Predict(Box<Prediction>),
+}
+
+/// A place that moves with a velocity; both are dims of the joint observation.
+#[derive(Debug)]
+struct Motion {
+    place: usize,
+    velocity: usize,
+    /// What a step adds to the place, per unit of velocity: plus or minus the length of a step, s.
+    factor: f32,
 }
 
 #[derive(Debug)]
@@ -86,6 +97,20 @@ impl Imputer {
     /// Holds what was received last.
     pub fn hold(layout: JointLayout, worlds: usize) -> Imputer {
         Imputer { rule: Rule::Hold, ..Imputer::zero(layout, worlds) }
+    }
+
+    /// Moves what was received last on with the velocity that was received with it.
+    pub fn velocity(task: &Task, worlds: usize) -> Imputer {
+        let layout = JointLayout::of(task);
+        let motions = (0..layout.agents).flat_map(|agent| {
+            let front = agent * layout.unique;
+            task.observed(agent).iter().enumerate().filter_map(move |(dim, observed)| {
+                let (velocity, sign) = observed.rate?;
+                let factor = sign * task.physics().dt as f32;
+                Some(Motion { place: front + dim, velocity: front + velocity, factor })
+            })
+        });
+        Imputer { rule: Rule::Velocity(motions.collect()), ..Imputer::zero(layout, worlds) }
     }
 
     /// Imagines it with a predictor.
@@ -138,6 +163,14 @@ impl Imputer {
             Rule::Hold => {
                 carried.for_each(|(carried, estimate)| carried.copy_from_slice(&estimate[..predicted]))
             }
+            Rule::Velocity(motions) => {
+                for (carried, estimate) in carried {
+                    carried.copy_from_slice(&estimate[..predicted]);
+                    for Motion { place, velocity, factor } in &*motions {
+                        carried[*place] += factor * estimate[*velocity];
+                    }
+                }
+            }
             Rule::Predict(prediction) => {
                 let deltas = prediction.step(worlds, estimates, predicted);
                 for ((carried, estimate), delta) in carried.zip(deltas) {
@@ -156,5 +189,28 @@ impl Prediction {
         let out = &mut self.out[..worlds * 2 * predicted];
         self.predictor.step(worlds, estimates, &mut self.state, &mut self.scratch, out);
         out.chunks_exact(2 * predicted).map(move |row| &row[..predicted])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a listener's observation is taken for one step after it was received.
+    #[test]
+    fn places_move_on_with_the_velocity_and_the_rest_stays() {
+        let task = Task::parse("speaker-listener").unwrap();
+        let mut imputer = Imputer::velocity(&task, 1);
+        imputer.begin_episode(1);
+        let speaker = [0.15, 0.65, 0.15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let listener = [1.0, -2.0, 0.5, 0.5, 0.0, 0.0, -0.5, 0.5, 0.0, 1.0, 0.0];
+        imputer.predict(1, &[speaker, listener].concat());
+        let mut estimate = [0.0; 22];
+        let used = imputer.fuse(0, 0, &speaker, &Inbox::of(2, |_| None), &mut estimate);
+        assert_eq!(used, 0b01);
+        // Landmarks are seen from the listener: they come nearer as it moves towards them.
+        let moved = [1.0, -2.0, 0.4, 0.7, -0.1, 0.2, -0.6, 0.7, 0.0, 1.0, 0.0];
+        let close = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-6;
+        assert!(estimate[11..].iter().zip(&moved).all(close), "{estimate:?}");
     }
 }

@@ -102,6 +102,8 @@ pub enum ImputerName {
     Zero,
     /// What is not received counts as what was received last.
     Hold,
+    /// The same, but places move on with their last known velocity.
+    Velocity,
     /// A predictor of the policy.
     Predictor(String),
 }
@@ -113,9 +115,10 @@ impl ImputerName {
         match name {
             Some("zero") => Ok(ImputerName::Zero),
             Some("hold") => Ok(ImputerName::Hold),
+            Some("velocity") => Ok(ImputerName::Velocity),
             Some(name) if names.contains(&name) => Ok(ImputerName::Predictor(name.to_owned())),
             Some(name) => Err(usage!(
-                "this policy has no imputer `{name}`; it has {}, and `hold` and `zero` are always there",
+                "this policy has no imputer `{name}`; it has {}, and `hold`, `velocity` and `zero` are always there",
                 if names.is_empty() { "no predictor".to_owned() } else { names.join(", ") }
             )),
             None => Ok(match names.iter().find(|name| **name == PREFERRED).or(names.first()) {
@@ -126,10 +129,12 @@ impl ImputerName {
     }
 
     /// Builds it.
-    pub fn build(&self, policy: &Policy, layout: JointLayout, worlds: usize) -> Result<Imputer> {
+    pub fn build(&self, policy: &Policy, task: &Task, worlds: usize) -> Result<Imputer> {
+        let layout = JointLayout::of(task);
         match self {
             ImputerName::Zero => Ok(Imputer::zero(layout, worlds)),
             ImputerName::Hold => Ok(Imputer::hold(layout, worlds)),
+            ImputerName::Velocity => Ok(Imputer::velocity(task, worlds)),
             ImputerName::Predictor(name) => match policy.predictor(name) {
                 Some(predictor) => Ok(Imputer::predict_with(predictor.clone(), layout, worlds)),
                 None => Err(usage!("this policy has no predictor `{name}`")),
@@ -143,6 +148,7 @@ impl fmt::Display for ImputerName {
         f.write_str(match self {
             ImputerName::Zero => "zero",
             ImputerName::Hold => "hold",
+            ImputerName::Velocity => "velocity",
             ImputerName::Predictor(name) => name,
         })
     }

@@ -13,6 +13,9 @@ pub enum Error {
     /// The request was sound, but carrying it out failed (exit code 1).
     #[error("{0}")]
     Failed(String),
+    /// Everything was carried out, but a requirement of the caller is not met (exit code 3).
+    #[error("{0}")]
+    Unmet(String),
     /// A signal asked the program to stop; everything was taken down first (exit code 130).
     #[error("{0}")]
     Interrupted(String),
@@ -27,6 +30,7 @@ impl Error {
         match self {
             Error::Failed(_) => 1,
             Error::Usage(_) => 2,
+            Error::Unmet(_) => 3,
             Error::Interrupted(_) => 130,
         }
     }

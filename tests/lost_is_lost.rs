@@ -81,7 +81,12 @@ fn play(
 
 #[test]
 fn nothing_of_a_lost_observation_gets_through() {
-    let imputers = [ImputerName::Zero, ImputerName::Hold, ImputerName::Predictor("value-aware".to_owned())];
+    let imputers = [
+        ImputerName::Zero,
+        ImputerName::Hold,
+        ImputerName::Velocity,
+        ImputerName::Predictor("value-aware".to_owned()),
+    ];
     for (name, share_at_start) in [("hear-see", true), ("spread-xy-4", false)] {
         let task = Task::parse(name).unwrap();
         for imputer in imputers.clone() {

@@ -43,7 +43,7 @@ fn two_agents() {
 
 #[test]
 fn four_agents_with_a_recurrent_policy() {
-    for imputer in ["value-aware", "hold", "zero"] {
+    for imputer in ["value-aware", "hold", "velocity", "zero"] {
         let words = format!("--agents 4 --episodes 11 --p 0.3 --no-comm-at-t0 --imputer {imputer} --seed 3");
         compare(&words, &["", "--worlds 4", "--worlds 10 --in-process"]);
     }

@@ -3,6 +3,7 @@
 mod bench;
 mod campaign;
 mod doctor;
+mod evaluate;
 mod export;
 mod import;
 mod inspect;
@@ -39,10 +40,12 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0.2     a trained team of four whose links deliver 20 %
   vamaro-swarm spawn --task hear-see --links dynamic --json
   vamaro-swarm train --task hear-see        teach a team of your own
+  vamaro-swarm evaluate runs/hs-0           how does it do as its links fail?
   vamaro-swarm tasks                        what there is to play
   vamaro-swarm doctor                       is this machine ready?
 
-Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 130 interrupted.";
+Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 3 a requirement
+is not met, 130 interrupted.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -50,6 +53,8 @@ enum Command {
     Spawn(spawn::Spawn),
     /// Teach a team: MAPPO or IPPO, and predictors beside it
     Train(Box<train::Train>),
+    /// Measure how robust frozen policies are to links that fail
+    Evaluate(evaluate::Evaluate),
     /// List the tasks: ids, aliases, team sizes, dimensions
     Tasks(tasks::Tasks),
     /// Turn a policy of the paper's published code into a policy file
@@ -85,6 +90,7 @@ impl Cli {
         match self.command {
             Command::Spawn(command) => command.run(),
             Command::Train(command) => command.run(),
+            Command::Evaluate(command) => command.run(),
             Command::Tasks(command) => command.run(),
             Command::Import(command) => command.run(),
             Command::Export(command) => command.run(),

@@ -56,7 +56,8 @@ pub struct Spawn {
     #[arg(long, value_name = "FILE|DIR|NAME", default_value = "builtin")]
     policy: String,
 
-    /// What stands for lost observations: a predictor of the policy, hold (last received) or zero
+    /// What stands for lost observations: a predictor of the policy, hold (last received), velocity (the same, and
+    /// places move on) or zero
     /// [default: value-aware if the policy has it]
     #[arg(long, value_name = "NAME")]
     imputer: Option<String>,

@@ -1,7 +1,11 @@
 //! What was played: the returns and errors of every cell, as they came.
 
+use std::fmt;
+use std::str::FromStr;
+
 use serde::{Deserialize, Serialize};
 
+use crate::link::Links;
 use crate::world::Unit;
 
 /// A sweep: policies, each played under every condition with every imputer.
@@ -131,6 +135,58 @@ pub struct Calibration {
     pub within_50: u64,
     /// Values within its central 95 % interval.
     pub within_95: u64,
+}
+
+impl Condition {
+    /// p, where all links share one.
+    pub fn level(self) -> Option<f64> {
+        match self {
+            Condition::Level(p) => Some(p),
+            _ => None,
+        }
+    }
+
+    /// Whether everything is delivered, always.
+    pub fn is_lossless(self) -> bool {
+        self == Condition::Level(1.0)
+    }
+
+    /// The links that behave so.
+    pub fn links(self) -> Links {
+        match self {
+            Condition::Level(p) => Links::Level(p),
+            Condition::Uniform => Links::Uniform,
+            Condition::Asymmetric => Links::Asymmetric,
+            Condition::Dynamic => Links::Dynamic,
+        }
+    }
+}
+
+/// `p=0.2`, or the name of the mode.
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Condition::Level(p) => write!(f, "p={p}"),
+            mode => f.write_str(mode.links().name()),
+        }
+    }
+}
+
+impl FromStr for Condition {
+    type Err = String;
+
+    /// Reads `p=0.2`, a level alone, or the name of a mode.
+    fn from_str(text: &str) -> Result<Condition, String> {
+        let modes = [Condition::Uniform, Condition::Asymmetric, Condition::Dynamic];
+        if let Some(mode) = modes.into_iter().find(|mode| mode.to_string() == text) {
+            return Ok(mode);
+        }
+        match text.strip_prefix("p=").unwrap_or(text).parse::<f64>() {
+            // Adding zero turns -0 into 0.
+            Ok(p) if (0.0..=1.0).contains(&p) => Ok(Condition::Level(p + 0.0)),
+            _ => Err(format!("{text:?} is neither a probability between 0 and 1 nor a mode")),
+        }
+    }
 }
 
 impl AgeErrors {

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// Imputers that need no network, so no predictor can be called like one: what is not received counts as
-/// zero, or as what was received last.
-const RULES: [&str; 2] = ["zero", "hold"];
+/// zero, as what was received last, or as that moved on.
+const RULES: [&str; 3] = ["zero", "hold", "velocity"];
 
 /// The networks of a policy: the actors of all agents and any number of predictors.
 #[derive(Clone, Debug, PartialEq)]

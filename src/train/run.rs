@@ -165,7 +165,7 @@ impl Run {
         Err(match stopped {
             Error::Interrupted(_) => Error::Interrupted(format!("interrupted; {on}")),
             Error::Failed(why) => Error::Failed(format!("{why}; {on}")),
-            Error::Usage(why) => Error::Usage(why),
+            other => other,
         })
     }
 

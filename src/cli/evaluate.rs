@@ -1,0 +1,351 @@
+//! `evaluate`: how robust frozen policies are to links that fail.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use clap::{Args, ValueEnum};
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+
+use super::train::threads;
+use super::{policy_source, print, tell};
+use crate::agents::{ImputerName, PREFERRED, PolicySource};
+use crate::bus::Wait;
+use crate::error::{Error, Result};
+use crate::evaluate::{Condition, Entrant, Group, Place, Record, Requirement, Settings, Summary, Sweep};
+use crate::nn::{Policy, PolicyFile};
+use crate::supervisor::signals;
+use crate::usage;
+use crate::world::Task;
+
+/// Measure how robust frozen policies are to links that fail
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Evaluate {
+    /// Policies: files, folders with policy.safetensors, pretrained ones by name in a checkout (such as
+    /// hear-see/seed-1), or builtin. Those of one task that were trained alike count as seeds
+    #[arg(required = true, value_name = "POLICY")]
+    policies: Vec<String>,
+
+    /// Task that all policies must be for; needed for builtin
+    #[arg(long, value_name = "T")]
+    task: Option<String>,
+
+    /// Probabilities of delivery, p
+    #[arg(
+        long,
+        value_name = "LIST",
+        value_delimiter = ',',
+        default_value = "1,0.8,0.6,0.4,0.2,0",
+        allow_negative_numbers = true
+    )]
+    levels: Vec<String>,
+
+    /// Links that differ: uniform (one p per episode), asymmetric (a matrix per episode), dynamic (a matrix
+    /// per 5 steps) [default: none]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    modes: Vec<String>,
+
+    /// What stands for lost observations: predictors of the policies, hold, velocity, zero [default: all that
+    /// each policy has]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    imputers: Vec<String>,
+
+    /// The imputer that others are compared with [default: maro where there is one, else hold]
+    #[arg(long, value_name = "NAME")]
+    baseline: Option<String>,
+
+    /// Episodes of every cell, a cell being a policy at a level with an imputer [default: 1000]
+    #[arg(long, value_name = "E", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    episodes: Option<u64>,
+
+    /// Take the most probable action instead of sampling
+    #[arg(long)]
+    greedy: bool,
+
+    /// `paper`: 100 episodes, sampled actions
+    #[arg(long, value_enum, conflicts_with_all = ["episodes", "greedy"])]
+    protocol: Option<Protocol>,
+
+    /// Lose observations at t = 0 too; by default everything is delivered once when an episode starts
+    #[arg(long)]
+    no_comm_at_t0: bool,
+
+    /// Seed of every random draw, the same for all cells
+    #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
+    seed: u64,
+
+    /// Folder for report.html, figures, results.json, CSV and the finished cells, with which the same command
+    /// goes on after an interruption
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+
+    /// Exit with code 3 unless the 95 % interval reaches this, such as 'p=0.2 score>=0.9' or
+    /// 'dynamic imputer=maro return>=-40'; may be given several times
+    #[arg(long, value_name = "REQUIREMENT")]
+    require: Vec<Requirement>,
+
+    /// Print the results as one JSON object
+    #[arg(long)]
+    json: bool,
+
+    /// Episodes that are played side by side; one message carries the observations of all of them
+    #[arg(long, value_name = "W", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    worlds: u32,
+
+    /// Run the same agents without processes, several cells at once; same results, bit for bit
+    #[arg(long)]
+    in_process: bool,
+
+    /// Threads, for cells in-process and for statistics [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+
+    /// How processes wait: block (sleep until woken) or spin (poll; needs a core per process)
+    #[arg(long, value_enum, default_value_t, conflicts_with = "in_process")]
+    wait: Wait,
+}
+
+/// How others evaluate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Protocol {
+    /// 100 episodes, sampled actions
+    Paper,
+}
+
+const AFTER_HELP: &str = "\
+Examples:
+  vamaro-swarm evaluate runs/hs-0
+  vamaro-swarm evaluate runs/hs-*/policy.safetensors --report report/
+  vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic --in-process
+  vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'      exits 3 if it falls short
+
+All cells start from the same initial states, with the same draws of actions and links, so that
+imputers are compared on equal terms. docs/metrics.md defines every number.";
+
+impl Evaluate {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        signals::install()?;
+        let sweep = self.sweep()?;
+        let baseline = self.baseline(&sweep)?;
+        self.check_requirements(&sweep)?;
+        let mut record = match &self.report {
+            Some(folder) => Some(Record::open(folder, &sweep.settings)?),
+            None => None,
+        };
+        let evaluation = {
+            let progress = Progress::new();
+            let played = sweep.run(record.as_mut(), |done, of| progress.note(done, of));
+            progress.finish();
+            played.map_err(|error| self.where_it_stands(error))?
+        };
+        let _ = baseline;
+        for cell in &evaluation.cells {
+            let name = &evaluation.contenders[cell.contender].name;
+            let errors = cell.outcome.errors.iter().map(|unit| {
+                let first = unit.ages[0];
+                (unit.unit, first.rmse(), first.calibration.map(|c| c.within_95 as f64 / first.count as f64))
+            });
+            let errors: Vec<_> = errors.collect();
+            print(&format!(
+                "{name} {} {} {:.2} {errors:?}\n",
+                cell.condition,
+                cell.imputer,
+                crate::stats::mean(&cell.outcome.returns)
+            ))?;
+        }
+        Ok(())
+    }
+
+    /// What there is to play.
+    fn sweep(&self) -> Result<Sweep> {
+        let task = self.task.as_deref().map(Task::parse).transpose()?;
+        let entrants = self.policies.iter().map(|name| self.entrant(name, task.as_ref()));
+        let entrants: Vec<Entrant> = entrants.collect::<Result<_>>()?;
+        for (at, entrant) in entrants.iter().enumerate() {
+            let same = |other: &&Entrant| other.contender.fingerprint == entrant.contender.fingerprint;
+            if let Some(other) = entrants[..at].iter().find(same) {
+                return Err(usage!(
+                    "{} and {} are the same policy; name it once",
+                    other.contender.name,
+                    entrant.contender.name
+                ));
+            }
+        }
+        let episodes = match self.protocol {
+            Some(Protocol::Paper) => 100,
+            None => self.episodes.unwrap_or(1000),
+        };
+        Ok(Sweep {
+            settings: Settings {
+                episodes,
+                seed: self.seed,
+                greedy: self.greedy,
+                comm_at_t0: !self.no_comm_at_t0,
+            },
+            conditions: self.conditions()?,
+            entrants,
+            worlds: self.worlds as usize,
+            place: match self.in_process {
+                true => Place::InProcess(threads(self.threads)),
+                false => Place::Processes(self.wait),
+            },
+        })
+    }
+
+    fn conditions(&self) -> Result<Vec<Condition>> {
+        let levels = self.levels.iter().map(|level| ("--levels", level, true));
+        let modes = self.modes.iter().map(|mode| ("--modes", mode, false));
+        let mut conditions: Vec<Condition> = Vec::new();
+        for (option, text, is_level) in levels.chain(modes) {
+            let condition = text.parse().ok().filter(|found: &Condition| found.level().is_some() == is_level);
+            let condition = condition.ok_or_else(|| match is_level {
+                true => usage!("{option}: {text:?} is no probability between 0 and 1"),
+                false => usage!("{option}: {text:?} is none of uniform, asymmetric and dynamic"),
+            })?;
+            if conditions.contains(&condition) {
+                return Err(usage!("{option}: {condition} is there twice"));
+            }
+            conditions.push(condition);
+        }
+        Ok(conditions)
+    }
+
+    fn entrant(&self, name: &str, task: Option<&Task>) -> Result<Entrant> {
+        let source = policy_source(name, self.seed)?;
+        let task = match (&source, task) {
+            (PolicySource::File(path), expected) => {
+                let of_file = Task::parse(&PolicyFile::read(path)?.meta.task)?;
+                match expected {
+                    Some(task) if *task != of_file => {
+                        return Err(usage!("{name} is a policy for {}, not for {}", of_file.id(), task.id()));
+                    }
+                    _ => of_file,
+                }
+            }
+            (_, Some(task)) => task.clone(),
+            (_, None) => return Err(usage!("{name}: for which task? Say so with --task")),
+        };
+        let policy = source.load(&task)?;
+        let imputers = self.imputers_of(&policy).map_err(|error| usage!("{name}: {error}"))?;
+        Ok(Entrant::new(name, source, policy, task, imputers))
+    }
+
+    fn imputers_of(&self, policy: &Policy) -> Result<Vec<ImputerName>> {
+        if self.imputers.is_empty() {
+            let plain = [ImputerName::Hold, ImputerName::Velocity, ImputerName::Zero];
+            let predictors = policy.predictor_names().map(|name| ImputerName::Predictor(name.to_owned()));
+            return Ok(predictors.chain(plain).collect());
+        }
+        let mut imputers = Vec::new();
+        for name in &self.imputers {
+            let imputer = ImputerName::choose(Some(name), policy)?;
+            if imputers.contains(&imputer) {
+                return Err(usage!("--imputers: {name} is there twice"));
+            }
+            imputers.push(imputer);
+        }
+        Ok(imputers)
+    }
+
+    /// The imputer that others are compared with.
+    fn baseline(&self, sweep: &Sweep) -> Result<String> {
+        const DEFAULT: &str = "maro";
+        let played = |name: &str| {
+            let mut imputers = sweep.entrants.iter().flat_map(|entrant| &entrant.imputers);
+            imputers.any(|imputer| imputer.to_string() == name)
+        };
+        match &self.baseline {
+            None if played(DEFAULT) => Ok(DEFAULT.to_owned()),
+            None => Ok(ImputerName::Hold.to_string()),
+            Some(name) if played(name) => Ok(name.clone()),
+            Some(name) => {
+                Err(usage!("--baseline {name}: no policy is played with this imputer; see --imputers"))
+            }
+        }
+    }
+
+    /// An error for a requirement that nothing of what is played can meet.
+    fn check_requirements(&self, sweep: &Sweep) -> Result<()> {
+        for requirement in &self.require {
+            if !sweep.conditions.contains(&requirement.condition) {
+                return Err(usage!("--require '{requirement}': {} is not played", requirement.condition));
+            }
+            if requirement.needs_lossless() && !sweep.conditions.contains(&Condition::Level(1.0)) {
+                return Err(usage!("--require '{requirement}': a score needs p = 1, add it to --levels"));
+            }
+            let Some(name) = &requirement.imputer else { continue };
+            let has = |entrant: &Entrant| entrant.imputers.iter().any(|imputer| imputer.to_string() == *name);
+            if let Some(entrant) = sweep.entrants.iter().find(|entrant| !has(entrant)) {
+                let policy = &entrant.contender.name;
+                return Err(usage!("--require '{requirement}': {policy} is not played with {name}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Says what is kept of a sweep that did not come to its end.
+    fn where_it_stands(&self, error: Error) -> Error {
+        match (error, &self.report) {
+            (Error::Interrupted(words), Some(folder)) => Error::Interrupted(format!(
+                "{words}; finished cells are kept in {}, the same command goes on",
+                folder.display()
+            )),
+            (Error::Interrupted(words), None) => {
+                Error::Interrupted(format!("{words}; with --report DIR finished cells would be kept"))
+            }
+            (error, _) => error,
+        }
+    }
+}
+
+/// The imputer that a swarm of this group would use by itself.
+fn preferred(group: &Group) -> Option<String> {
+    let mut names = group.imputers.iter().map(|imputer| &imputer.imputer);
+    names.clone().find(|name| *name == PREFERRED).or_else(|| names.next()).cloned()
+}
+
+/// Tells how far a sweep is: a bar on a terminal, and else a line now and then.
+struct Progress {
+    bar: Option<ProgressBar>,
+    began: Instant,
+    /// When it was last told, and how many cells were there at the beginning.
+    state: Mutex<(Instant, Option<usize>)>,
+}
+
+impl Progress {
+    fn new() -> Progress {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let style = ProgressStyle::with_template("{bar:20} {pos}/{len} cells{msg}");
+            ProgressBar::new(0).with_style(style.expect("the template is well-formed"))
+        });
+        let now = Instant::now();
+        Progress { bar, began: now, state: Mutex::new((now, None)) }
+    }
+
+    fn note(&self, done: usize, of: usize) {
+        const BETWEEN_LINES: Duration = Duration::from_secs(10);
+        let mut state = self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let first = *state.1.get_or_insert(done);
+        let left = (done > first).then(|| {
+            let per_cell = self.began.elapsed().as_secs_f64() / (done - first) as f64;
+            let left = HumanDuration(Duration::from_secs_f64(per_cell * (of - done) as f64));
+            format!(", {left:#} left")
+        });
+        let left = left.unwrap_or_default();
+        if let Some(bar) = &self.bar {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+            bar.set_message(left);
+        } else if state.0.elapsed() >= BETWEEN_LINES {
+            state.0 = Instant::now();
+            tell(&format!("{done} of {of} cells{left}"));
+        }
+    }
+
+    fn finish(self) {
+        self.bar.iter().for_each(ProgressBar::finish_and_clear);
+    }
+}

@@ -1,0 +1,243 @@
+//! How far imputed values are from what was lost, by the time since something was last received.
+
+use super::evaluation::{AgeErrors, Calibration, UnitErrors};
+use crate::agents::JointLayout;
+use crate::nn::{LstmState, Policy, Predictor, Scratch, Sigma};
+use crate::supervisor::{Decisions, Tick};
+use crate::world::{EPISODE_STEPS, Observed, Task, Unit};
+
+/// Half the width of the central 50 % and 95 % intervals of a normal distribution, in sigma.
+const WITHIN_50: f64 = 0.674_489_750_196_082;
+const WITHIN_95: f64 = 1.959_963_984_540_054;
+
+/// No sigma counts as smaller: it is about as far as neighbouring f32 values of an observation can be apart. A
+/// predictor can become as sure as it likes of values that never move.
+const SMALLEST_SIGMA: f64 = 1e-6;
+
+/// The oldest value there is: received when the episode starts, and never again.
+const OLDEST: usize = EPISODE_STEPS;
+
+/// Compares the estimates of a team with the truth while it plays.
+///
+/// What the predictor was sure of is computed here once more, from the same estimates: agents send no sigma.
+#[derive(Debug)]
+pub(super) struct ErrorLedger {
+    task: Task,
+    layout: JointLayout,
+    /// Steps since receiver i received sender j, `[agents, worlds, agents]`.
+    ages: Vec<usize>,
+    expectation: Option<Expectation>,
+    /// Of the episodes under way, `[worlds]`.
+    open: Vec<Errors>,
+    /// Of finished episodes, added up in their order.
+    finished: Errors,
+}
+
+/// By unit and age.
+type Errors = [[AgeErrors; OLDEST]; Unit::ALL.len()];
+
+/// How far off the predictor expects to be.
+#[derive(Debug)]
+struct Expectation {
+    predictor: Predictor,
+    state: LstmState,
+    scratch: Scratch,
+    /// `[agents, worlds, 2, predicted]`.
+    out: Vec<f32>,
+    /// Of what is carried, `[agents, worlds, predicted]`.
+    variances: Vec<f64>,
+}
+
+impl ErrorLedger {
+    /// For episodes of `task`, imputed with the predictor of this name, if `policy` has one.
+    pub(super) fn new(task: &Task, policy: &Policy, imputer: &str) -> ErrorLedger {
+        let expectation = policy.predictor(imputer).map(|predictor| Expectation {
+            predictor: predictor.clone(),
+            state: predictor.state(0),
+            scratch: Scratch::default(),
+            out: Vec::new(),
+            variances: Vec::new(),
+        });
+        ErrorLedger {
+            task: task.clone(),
+            layout: JointLayout::of(task),
+            ages: Vec::new(),
+            expectation,
+            open: Vec::new(),
+            finished: Errors::default(),
+        }
+    }
+
+    /// An episode starts in each of `worlds` worlds.
+    pub(super) fn begin_episodes(&mut self, worlds: usize) {
+        let rows = self.layout.agents * worlds;
+        restart(&mut self.ages, rows * self.layout.agents, 0);
+        restart(&mut self.open, worlds, Errors::default());
+        if let Some(expectation) = &mut self.expectation {
+            expectation.state.start(&expectation.predictor, rows);
+            restart(&mut expectation.variances, rows * self.layout.predicted(), 0.0);
+            expectation.out.resize(rows * 2 * self.layout.predicted(), 0.0);
+        }
+    }
+
+    /// Notes what the agents made of a tick.
+    pub(super) fn note_tick(&mut self, tick: &Tick, decisions: &Decisions) {
+        let agents = self.layout.agents;
+        for row in 0..agents * tick.worlds {
+            let ages = &mut self.ages[row * agents..(row + 1) * agents];
+            for (sender, age) in ages.iter_mut().enumerate() {
+                let received = decisions.used[row] >> sender & 1 == 1;
+                *age = if received { 0 } else { *age + 1 };
+            }
+            self.compare(tick, decisions, row);
+        }
+        if let Some(expectation) = &mut self.expectation {
+            expectation.step(&self.layout, &self.ages, &decisions.estimates);
+        }
+    }
+
+    /// Compares the estimate of one receiver in one world with the truth.
+    fn compare(&mut self, tick: &Tick, decisions: &Decisions, row: usize) {
+        let ErrorLedger { task, layout, ages, expectation, open, .. } = self;
+        let errors = &mut open[row % tick.worlds];
+        let joint = layout.joint();
+        let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
+        for (sender, age) in ages[row * layout.agents..].iter().take(layout.agents).enumerate() {
+            let Some(age) = age.checked_sub(1) else { continue };
+            let truth = tick.observation(task, sender, row % tick.worlds);
+            for (dim, Observed { unit, .. }) in task.observed(sender).iter().enumerate() {
+                let at = sender * layout.unique + dim;
+                let error = f64::from(estimate[at]) - f64::from(truth[dim]);
+                let squared = error * error;
+                let calibration = expectation.as_ref().map(|expectation| {
+                    let z_squared = squared / expectation.variances[row * layout.predicted() + at];
+                    let within = |width: f64| u64::from(z_squared <= width * width);
+                    Calibration { z_squared, within_50: within(WITHIN_50), within_95: within(WITHIN_95) }
+                });
+                errors[*unit as usize][age].add(&AgeErrors { count: 1, squared, calibration });
+            }
+        }
+    }
+
+    /// The episodes are over.
+    pub(super) fn end_episodes(&mut self) {
+        for errors in &self.open {
+            for (sum, errors) in self.finished.as_flattened_mut().iter_mut().zip(errors.as_flattened()) {
+                sum.add(errors);
+            }
+        }
+    }
+
+    /// The errors of all finished episodes.
+    pub(super) fn finish(self) -> Vec<UnitErrors> {
+        let of = |unit: Unit| {
+            let ages = &self.finished[unit as usize];
+            let oldest = ages.iter().rposition(|errors| errors.count > 0)?;
+            Some(UnitErrors { unit, ages: ages[..=oldest].to_vec() })
+        };
+        Unit::ALL.into_iter().filter_map(of).collect()
+    }
+}
+
+impl Expectation {
+    /// Adds the variance of the change that the predictor expects from here to the next step. What was received
+    /// has none of its own.
+    fn step(&mut self, layout: &JointLayout, ages: &[usize], estimates: &[f32]) {
+        let predicted = layout.predicted();
+        let rows = estimates.len() / layout.joint();
+        self.predictor.step(rows, estimates, &mut self.state, &mut self.scratch, &mut self.out);
+        let Sigma::Exp = self.predictor.spec().sigma;
+        let outs = self.out.chunks_exact(2 * predicted);
+        for ((row, variances), out) in self.variances.chunks_exact_mut(predicted).enumerate().zip(outs) {
+            for (dim, (variance, raw)) in variances.iter_mut().zip(&out[predicted..]).enumerate() {
+                let received = ages[row * layout.agents + dim / layout.unique] == 0;
+                let before = if received { 0.0 } else { *variance };
+                *variance = before + f64::from(*raw).exp().max(SMALLEST_SIGMA).powi(2);
+            }
+        }
+    }
+}
+
+/// Makes `values` so many of the same, without giving memory back.
+fn restart<T: Clone>(values: &mut Vec<T>, length: usize, value: T) {
+    values.clear();
+    values.resize(length, value);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agents::dims;
+    use crate::nn::{ActorKind, Meta, Networks};
+
+    /// Hear-see with a predictor that expects no change, with sigma 1, whatever it sees.
+    fn sure_of_nothing() -> (Task, Policy) {
+        let task = Task::parse("hear-see").unwrap();
+        let networks = Networks::paper(ActorKind::Mlp);
+        let values = vec![0.0; Policy::untrained(&dims(&task), 0, networks.clone()).unwrap().n_values()];
+        let policy = Policy::new(&dims(&task), Meta::new("hear-see", 0), networks, &values).unwrap();
+        (task, policy)
+    }
+
+    /// Plays four steps in one world. Agent 1 observes the places 1, 2, 3, 4 m, at rest, and agent 0 believes
+    /// them to be off by 0.1 m per step without news; agent 1 always knows what agent 0 observes.
+    fn four_steps(imputer: &str, received: [bool; 4]) -> Vec<UnitErrors> {
+        let (task, policy) = sure_of_nothing();
+        let mut ledger = ErrorLedger::new(&task, &policy, imputer);
+        ledger.begin_episodes(1);
+        let hears = [0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let sees = [1.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0];
+        let observations = [hears, sees].concat();
+        let mut age = 0;
+        for (step, received) in received.into_iter().enumerate() {
+            age = if received { 0 } else { age + 1 };
+            let believed = sees.map(|value| if value > 0.0 { value + 0.1 * age as f32 } else { value });
+            let decisions = Decisions {
+                used: vec![if received { 0b11 } else { 0b01 }, 0b11],
+                estimates: [hears, believed, hears, sees].concat(),
+                ..Decisions::default()
+            };
+            let step = step as u32;
+            let (observations, rows) = (&observations, &[0, 0]);
+            let tick = Tick { episode: 0, step, tick: 1, worlds: 1, observations, rows };
+            ledger.note_tick(&tick, &decisions);
+        }
+        ledger.end_episodes();
+        ledger.finish()
+    }
+
+    #[test]
+    fn errors_are_those_of_what_was_imputed_by_age_and_unit() {
+        let errors = four_steps("hold", [true, false, false, true]);
+        // Four places and four velocities, one and two steps old; padding is no value.
+        assert_eq!(errors.iter().map(|of| of.unit).collect::<Vec<_>>(), [Unit::Metre, Unit::MetrePerSecond]);
+        let [places, velocities] = &errors[..] else { panic!() };
+        assert_eq!(places.ages.iter().map(|age| age.count).collect::<Vec<_>>(), [4, 4]);
+        assert!((places.ages[0].rmse().unwrap() - 0.1).abs() < 1e-6);
+        assert!((places.ages[1].rmse().unwrap() - 0.2).abs() < 1e-6);
+        assert!(velocities.ages.iter().all(|age| age.rmse() == Some(0.0) && age.calibration.is_none()));
+        assert_eq!(four_steps("hold", [true; 4]), []);
+    }
+
+    #[test]
+    fn what_was_never_received_is_as_old_as_the_episode() {
+        let errors = four_steps("hold", [false; 4]);
+        assert_eq!(errors[0].ages.iter().map(|age| age.count).collect::<Vec<_>>(), [4; 4]);
+    }
+
+    #[test]
+    fn the_variance_of_what_is_expected_adds_up_until_news_come() {
+        let errors = four_steps("value-aware", [true, false, false, false]);
+        for (age, found) in errors[0].ages.iter().enumerate() {
+            // Sigma is 1 for each step, the error 0.1 a step: z^2 = (0.1 a)^2 / a for each of four places.
+            let found = found.calibration.unwrap();
+            let expected = 4.0 * 0.01 * (age + 1) as f64;
+            assert!((found.z_squared - expected).abs() < 1e-6, "{found:?}");
+            assert_eq!((found.within_50, found.within_95), (4, 4));
+        }
+        let renewed = four_steps("value-aware", [true, false, true, false]);
+        assert_eq!(renewed[0].ages.len(), 1, "news are as good at any time");
+        assert_eq!(renewed[0].ages[0].count, 8);
+        assert!((renewed[0].ages[0].calibration.unwrap().z_squared - 8.0 * 0.01).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,124 @@
+//! Plays the episodes of one cell.
+
+use super::errors::ErrorLedger;
+use super::evaluation::{Outcome, Settings};
+use crate::error::Result;
+use crate::link::{LinkModel, Links};
+use crate::nn::Policy;
+use crate::rng::{Draws, Purpose};
+use crate::supervisor::{Decisions, Stage, Team, signals};
+use crate::world::{EPISODE_STEPS, Task, World};
+
+/// Episodes of an evaluation are numbered from here on: those of training from 0, its tests' from 2^48, so no
+/// policy has seen their initial states.
+const FIRST_EPISODE: u64 = 1 << 49;
+
+/// Plays all episodes with a team of `policy` that uses this imputer, `worlds` at a time.
+pub(super) fn play(
+    settings: &Settings,
+    policy: &Policy,
+    task: &Task,
+    links: Links,
+    imputer: &str,
+    worlds: usize,
+    team: &mut impl Team,
+) -> Result<Outcome> {
+    let links = LinkModel::new(links, settings.seed, settings.comm_at_t0);
+    let end = FIRST_EPISODE + settings.episodes;
+    let mut stage = Stage::new(task, links, settings.seed, worlds).starting_at(FIRST_EPISODE);
+    let mut errors = ErrorLedger::new(task, policy, imputer);
+    let mut decisions = Decisions::default();
+    let mut returns = vec![0.0; settings.episodes as usize];
+    while stage.next_episode() < end {
+        let first = (stage.next_episode() - FIRST_EPISODE) as usize;
+        stage.begin_episodes(end);
+        errors.begin_episodes(stage.worlds().len());
+        for _ in 0..EPISODE_STEPS {
+            signals::check_stop()?;
+            stage.sense();
+            stage.draw_links();
+            team.tick(&stage.tick(), &mut decisions)?;
+            errors.note_tick(&stage.tick(), &decisions);
+            stage.step_worlds(&decisions.actions);
+            let earned = stage.worlds().iter().map(World::team_reward);
+            returns[first..].iter_mut().zip(earned).for_each(|(sum, reward)| *sum += reward);
+        }
+        errors.end_episodes();
+    }
+    Ok(Outcome { returns, errors: errors.finish() })
+}
+
+/// The returns of agents that choose uniformly among their available actions, in the same episodes.
+pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Vec<f64> {
+    let mut world = World::new(task);
+    let mut actions = vec![0; task.n_agents()];
+    let mut play = |episode| {
+        world.reset(settings.seed, episode);
+        let mut episode_return = 0.0;
+        for step in 0..EPISODE_STEPS as u64 {
+            let mut draws = Draws::new(settings.seed, Purpose::Action, episode, step);
+            for (agent, action) in actions.iter_mut().enumerate() {
+                *action = draws.at(agent, 0).below(task.available_actions(agent)) as u8;
+            }
+            world.step(&actions);
+            episode_return += world.team_reward();
+        }
+        episode_return
+    };
+    (FIRST_EPISODE..FIRST_EPISODE + settings.episodes).map(&mut play).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agents::{AgentSettings, ImputerName, PolicySource};
+    use crate::stats::mean;
+    use crate::supervisor::InProcess;
+
+    fn settings(episodes: u64) -> Settings {
+        Settings { episodes, seed: 4, greedy: false, comm_at_t0: true }
+    }
+
+    fn outcome(task: &str, p: f64, imputer: &str, worlds: usize) -> Outcome {
+        let task = Task::parse(task).unwrap();
+        let policy = PolicySource::Builtin.load(&task).unwrap();
+        let imputer = ImputerName::choose(Some(imputer), &policy).unwrap();
+        let agents =
+            AgentSettings { imputer: imputer.clone(), seed: 4, worlds, ..AgentSettings::for_task(&task) };
+        let mut team = InProcess::new(&agents, &policy).unwrap();
+        play(&settings(9), &policy, &task, Links::Level(p), &imputer.to_string(), worlds, &mut team).unwrap()
+    }
+
+    #[test]
+    fn nothing_depends_on_the_number_of_worlds() {
+        for task in ["hear-see", "spread-xy-4"] {
+            let alone = outcome(task, 0.3, "value-aware", 1);
+            assert_eq!(alone.returns.len(), 9);
+            assert!(!alone.errors.is_empty());
+            assert!(
+                [2, 9].iter().all(|worlds| outcome(task, 0.3, "value-aware", *worlds) == alone),
+                "{task}"
+            );
+        }
+    }
+
+    #[test]
+    fn cells_are_paired_and_differ_in_their_imputers_only() {
+        let [value_aware, hold] = ["value-aware", "hold"].map(|imputer| outcome("hear-see", 1.0, imputer, 3));
+        assert_eq!(value_aware, hold, "nothing is imputed where everything is delivered");
+        assert!(value_aware.errors.is_empty());
+        assert_ne!(
+            outcome("hear-see", 0.3, "value-aware", 3).returns,
+            outcome("hear-see", 0.3, "hold", 3).returns
+        );
+    }
+
+    #[test]
+    fn a_random_team_does_worse_than_a_trained_one_and_is_always_the_same() {
+        for task in ["hear-see", "speaker-listener"] {
+            let random = play_at_random(&settings(9), &Task::parse(task).unwrap());
+            assert_eq!(random, play_at_random(&settings(9), &Task::parse(task).unwrap()));
+            assert!(mean(&random) < mean(&outcome(task, 1.0, "hold", 3).returns), "{task}");
+        }
+    }
+}

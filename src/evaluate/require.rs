@@ -1,0 +1,201 @@
+//! Requirements: what a team must reach, for a CI to check.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::evaluation::Condition;
+use super::summary::{CellSummary, Group, Interval, Summary};
+
+/// `CONDITION [imputer=NAME] METRIC>=BOUND`, such as `p=0.2 score>=0.9`. It is met if the low end of the 95 %
+/// interval reaches the bound.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Requirement {
+    /// How links behave.
+    pub condition: Condition,
+    /// The imputer; `None` for that which a swarm would use by itself.
+    pub imputer: Option<String>,
+    /// What is looked at.
+    pub metric: Metric,
+    /// What it must reach.
+    pub bound: f64,
+}
+
+/// What a requirement looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Metric {
+    /// Normalised score.
+    Score,
+    /// Mean return.
+    Return,
+    /// Interquartile mean of the returns.
+    Iqm,
+}
+
+/// What came of a requirement for one group.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// Task and label of the group.
+    pub group: String,
+    /// The requirement.
+    pub requirement: Requirement,
+    /// What was found; `None` if there is no such estimate.
+    pub found: Option<Interval>,
+}
+
+impl Requirement {
+    /// Whether it can only be checked where p = 1 was played.
+    pub fn needs_lossless(&self) -> bool {
+        self.metric == Metric::Score
+    }
+
+    /// Holds it against every group. `preferred` says which imputer of a group stands where none is named.
+    pub fn check(&self, summary: &Summary, preferred: impl Fn(&Group) -> Option<String>) -> Vec<Verdict> {
+        let check = |group: &Group| {
+            let name = self.imputer.clone().or_else(|| preferred(group));
+            let imputer = group.imputers.iter().find(|imputer| Some(&imputer.imputer) == name.as_ref());
+            let cell = imputer
+                .and_then(|imputer| imputer.cells.iter().find(|cell| cell.condition == self.condition));
+            Verdict {
+                group: format!("{} {}", group.task, group.label),
+                requirement: Requirement { imputer: name, ..self.clone() },
+                found: cell.and_then(|cell| self.metric.of(cell)),
+            }
+        };
+        summary.groups.iter().map(check).collect()
+    }
+}
+
+impl Verdict {
+    /// Whether the requirement is met.
+    pub fn is_met(&self) -> bool {
+        self.found.is_some_and(|found| found.low >= self.requirement.bound)
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Verdict { group, requirement, found } = self;
+        match found {
+            None => write!(f, "{group}: {requirement}: no such estimate"),
+            Some(Interval { value, low, high }) => {
+                let verdict = if self.is_met() { "met" } else { "not met" };
+                write!(f, "{group}: {requirement}: {verdict}, {value:.3} [{low:.3}, {high:.3}]")
+            }
+        }
+    }
+}
+
+impl Metric {
+    fn of(self, cell: &CellSummary) -> Option<Interval> {
+        match self {
+            Metric::Score => cell.score,
+            Metric::Return => Some(cell.mean),
+            Metric::Iqm => Some(cell.iqm),
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Metric::Score => "score",
+            Metric::Return => "return",
+            Metric::Iqm => "iqm",
+        }
+    }
+}
+
+impl fmt::Display for Requirement {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{} ", self.condition)?;
+        if let Some(imputer) = &self.imputer {
+            write!(f, "imputer={imputer} ")?;
+        }
+        write!(f, "{}>={}", self.metric.name(), self.bound)
+    }
+}
+
+impl FromStr for Requirement {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Requirement, String> {
+        let help = || {
+            format!(
+                "{text:?} is no requirement; write one like 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'"
+            )
+        };
+        // Spaces around the signs are as good as none.
+        let text = text.replace(">=", " >= ").replace('=', " = ").replace("> =", ">=");
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let (condition, rest) = match &words[..] {
+            ["p", "=", p, rest @ ..] => (format!("p={p}").parse(), rest),
+            [mode, rest @ ..] => (mode.parse(), rest),
+            [] => return Err(help()),
+        };
+        let (imputer, rest) = match rest {
+            ["imputer", "=", name, rest @ ..] => (Some((*name).to_owned()), rest),
+            _ => (None, rest),
+        };
+        let [metric, ">=", bound] = rest else { return Err(help()) };
+        let metrics = [Metric::Score, Metric::Return, Metric::Iqm];
+        let metric = metrics.into_iter().find(|known| known.name() == *metric).ok_or_else(help)?;
+        let bound = bound.parse().ok().filter(|bound: &f64| bound.is_finite()).ok_or_else(help)?;
+        Ok(Requirement { condition: condition.map_err(|_| help())?, imputer, metric, bound })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Requirement {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn requirements_are_read_as_they_are_written() {
+        let score = parse("p=0.2 score>=0.9");
+        let expected = Requirement {
+            condition: Condition::Level(0.2),
+            imputer: None,
+            metric: Metric::Score,
+            bound: 0.9,
+        };
+        assert_eq!(score, expected);
+        assert_eq!(parse(" p = .2   score >= 0.90 "), expected);
+        let mode = parse("dynamic imputer=maro return>=-40");
+        assert_eq!((mode.condition, mode.imputer.as_deref()), (Condition::Dynamic, Some("maro")));
+        for text in ["p=0.2 score>=0.9", "dynamic imputer=maro return>=-40", "p=0 iqm>=-1.5"] {
+            assert_eq!(parse(text).to_string(), text);
+        }
+        for wrong in [
+            "",
+            "p=0.2",
+            "p=2 score>=0",
+            "p=x score>=0",
+            "score>=0.9",
+            "p=0.2 score>0.9",
+            "p=0.2 luck>=1",
+            "p=0.2 score>=nan",
+            "p=0.2 score>=0.9 more",
+            "p=0.2 imputer= score>=0.9",
+            "often score>=1",
+        ] {
+            assert!(wrong.parse::<Requirement>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_low_end_of_the_interval_decides() {
+        let verdict = |low: f64| Verdict {
+            group: "hear-see mappo".to_owned(),
+            requirement: parse("p=0.2 imputer=maro score>=0.9"),
+            found: Some(Interval { value: 0.95, low, high: 1.0 }),
+        };
+        assert!(verdict(0.9).is_met() && !verdict(0.899).is_met());
+        assert_eq!(
+            verdict(0.899).to_string(),
+            "hear-see mappo: p=0.2 imputer=maro score>=0.9: not met, 0.950 [0.899, 1.000]"
+        );
+        let nothing = Verdict { found: None, ..verdict(1.0) };
+        assert!(!nothing.is_met());
+    }
+}

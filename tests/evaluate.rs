@@ -1,0 +1,193 @@
+//! `evaluate` through the real binary: the same numbers wherever agents run, sweeps that go on, requirements.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use common::{Swarm, assert_gone, children, command, fail, run, stderr, succeed};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+
+/// A sweep of a second or less.
+const SMALL: &str = "evaluate builtin --task hear-see --episodes 30 --levels 1,0.3 --modes dynamic";
+
+fn json(words: &str) -> Value {
+    serde_json::from_str(&succeed(words)).unwrap()
+}
+
+/// What was found, without who made it, when and how.
+fn findings(results: &Value) -> Value {
+    let parts = ["format", "version", "settings", "contenders", "groups", "aggregates"];
+    parts.iter().map(|part| (part.to_string(), results[part].clone())).collect()
+}
+
+fn results(folder: &Path) -> Value {
+    findings(&serde_json::from_str(&fs::read_to_string(folder.join("results.json")).unwrap()).unwrap())
+}
+
+#[test]
+fn the_same_numbers_wherever_agents_run() {
+    let processes = findings(&json(&format!("{SMALL} --json")));
+    let imputers = processes["groups"][0]["imputers"].as_array().unwrap();
+    let names: Vec<&str> = imputers.iter().map(|imputer| imputer["imputer"].as_str().unwrap()).collect();
+    assert_eq!(names, ["value-aware", "maro", "hold", "velocity", "zero"]);
+    assert!(imputers.iter().all(|imputer| imputer["cells"].as_array().unwrap().len() == 3));
+    for words in
+        ["--in-process --threads 1", "--in-process --worlds 7", "--worlds 30", "--wait spin --worlds 11"]
+    {
+        assert_eq!(findings(&json(&format!("{SMALL} --json {words}"))), processes, "{words}");
+    }
+    let other = findings(&json(&format!("{SMALL} --json --in-process --seed 1")));
+    assert_ne!(other["groups"], processes["groups"], "another seed is another sample");
+}
+
+#[test]
+fn a_report_is_complete_and_an_interrupted_sweep_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
+    let sweep = format!("{SMALL} --in-process --worlds 5 --report");
+    let text = succeed(&format!("{sweep} {}", whole.display()));
+    assert!(text.contains("hear-see") && text.contains("velocity"), "{text}");
+    let mut files: Vec<String> = fs::read_dir(&whole)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    files.sort();
+    let expected = [
+        "cells.jsonl",
+        "difference.svg",
+        "episodes.csv",
+        "error-by-age.svg",
+        "errors.csv",
+        "marl-eval.json",
+        "report.html",
+        "results.json",
+        "robustness.svg",
+        "summary.csv",
+        "table.md",
+    ];
+    assert_eq!(files, expected);
+
+    // Stopped when some cells are finished, again and again.
+    let begun = Instant::now();
+    let cells = || fs::read_to_string(parts.join("cells.jsonl")).map_or(0, |text| text.lines().count());
+    let mut stops = 0;
+    loop {
+        let before = cells();
+        let mut child = command(&format!("{sweep} {} --threads 1", parts.display()))
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        while cells() < before + 2 && child.try_wait().unwrap().is_none() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "the sweep does not end");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let process = Pid::from_child(&child);
+        let signal = if stops % 2 == 0 { Signal::KILL } else { Signal::TERM };
+        if child.try_wait().unwrap().is_none() {
+            // It may end by itself in between.
+            let _ = kill_process(process, signal);
+        }
+        match child.wait().unwrap().code() {
+            Some(0) => break,
+            Some(130) | None => stops += 1,
+            other => panic!("exit code {other:?}"),
+        }
+    }
+    assert!(stops > 1, "the sweep was stopped {stops} times");
+    assert_eq!(results(&parts), results(&whole));
+
+    // Another level on top of what is there; nothing is played twice.
+    let lines = cells();
+    succeed(&format!("{sweep} {} --imputers hold", parts.display()));
+    assert_eq!(cells(), lines);
+    assert_eq!(results(&parts)["groups"][0]["imputers"].as_array().unwrap().len(), 1);
+
+    // With other settings these are no cells of the sweep.
+    let kept = fs::read(parts.join("cells.jsonl")).unwrap();
+    let there = parts.display();
+    fail(&format!("{SMALL} --report {there} --seed 1"), 2, &["seed 0", "seed 1", "--report"]);
+    fail(&format!("{SMALL} --report {there} --greedy"), 2, &["sampled", "greedy"]);
+    assert_eq!(fs::read(parts.join("cells.jsonl")).unwrap(), kept);
+}
+
+#[test]
+fn an_interrupted_sweep_leaves_no_process() {
+    let folder = tempfile::tempdir().unwrap();
+    let words =
+        format!("evaluate builtin --task hear-see --episodes 100000 --report {}", folder.path().display());
+    let swarm = Swarm::of(&words);
+    let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
+    assert!(children(std::process::id()).len() > 0);
+    swarm.signal_supervisor(Signal::TERM);
+    let (code, _, words) = swarm.wait();
+    assert_eq!(code, Some(130), "{words}");
+    assert!(words.contains("the same command goes on"), "{words}");
+    assert_gone(&agents, &tag);
+}
+
+#[test]
+fn requirements_decide_the_exit_code() {
+    let check = |requirements: &[&str], code| {
+        let mut command = command(&format!("{SMALL} --in-process"));
+        requirements.iter().for_each(|requirement| drop(command.args(["--require", requirement])));
+        let output = command.output().unwrap();
+        let stderr = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{requirements:?}: {stderr}");
+        // Whatever comes of it, the table is there.
+        assert!(String::from_utf8_lossy(&output.stdout).contains("value-aware"), "{stderr}");
+        stderr
+    };
+    check(&["p=0.3 score>=0.5", "dynamic return>=-100", "p=1 score>=1"], 0);
+    let words = check(&["p=0.3 score>=0.5", "p=0.3 imputer=zero score>=0.99"], 3);
+    assert!(words.contains("imputer=zero score>=0.99: not met"), "{words}");
+    let never = |requirement: &str, saying: &str| {
+        let output = command(SMALL).args(["--require", requirement]).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{requirement}");
+        assert!(stderr(&output).contains(saying), "{requirement}: {}", stderr(&output));
+    };
+    never("p=0.2 score>=0.9", "p=0.2 is not played");
+    never("p=0.3 imputer=lambda0 score>=0.9", "not played with lambda0");
+    never("p=0.3 luck>=0.9", "is no requirement");
+}
+
+#[test]
+fn requests_that_make_no_sense() {
+    fail("evaluate", 2, &["POLICY"]);
+    fail("evaluate builtin", 2, &["--task"]);
+    fail("evaluate no/such/policy", 2, &["no/such/policy"]);
+    fail("evaluate builtin --task hear-see --levels 1,1.5", 2, &["--levels", "1.5"]);
+    fail("evaluate builtin --task hear-see --levels 1,-0.5", 2, &["--levels", "-0.5"]);
+    fail("evaluate builtin --task hear-see --levels 1,nan", 2, &["--levels", "nan"]);
+    fail("evaluate builtin --task hear-see --levels 1,dynamic", 2, &["--levels", "dynamic"]);
+    fail("evaluate builtin --task hear-see --levels 1,0.2,.2", 2, &["p=0.2 is there twice"]);
+    fail("evaluate builtin --task hear-see --modes often", 2, &["--modes", "often", "dynamic"]);
+    fail("evaluate builtin --task hear-see --imputers lambda0", 2, &["builtin", "lambda0", "value-aware"]);
+    fail("evaluate builtin --task hear-see --baseline lambda0", 2, &["--baseline", "lambda0"]);
+    fail("evaluate builtin builtin --task hear-see", 2, &["the same policy"]);
+    fail("evaluate builtin --task hear-see --episodes 0", 2, &["--episodes"]);
+    fail("evaluate builtin --task hear-see --protocol paper --greedy", 2, &["--greedy"]);
+    let policy = common::data("traces/hear-see/policy.safetensors");
+    let policy = policy.display();
+    fail(&format!("evaluate {policy} --task spread-xy-4"), 2, &["hear-see", "spread-xy-4"]);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "").unwrap();
+    let words = format!("{SMALL} --report {}", file.display());
+    fail(&words, 1, &["cannot create the folder"]);
+    fs::write(folder.path().join("cells.jsonl"), "something else\n").unwrap();
+    fail(&format!("{SMALL} --report {}", folder.path().display()), 2, &["cells.jsonl", "does not begin"]);
+    assert_eq!(fs::read(folder.path().join("cells.jsonl")).unwrap(), b"something else\n");
+    assert_eq!(run("evaluate --help").status.code(), Some(0));
+}
+
+#[test]
+fn the_protocol_of_the_paper_is_a_hundred_sampled_episodes() {
+    let results =
+        json("evaluate builtin --task speaker-listener --protocol paper --levels 1,0 --in-process --json");
+    assert_eq!(results["settings"]["episodes"], 100);
+    assert_eq!(results["settings"]["greedy"], false);
+}
