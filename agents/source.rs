@@ -12,11 +12,12 @@ use crate::world::{N_ACTIONS, Task};
 use crate::{failed, usage};
 
 /// The policies inside the program: (task, policy file).
-pub static BUILTIN: [(&str, &Aligned<[u8]>); 4] = [
+pub static BUILTIN: [(&str, &Aligned<[u8]>); 5] = [
     ("hear-see", &Aligned(*include_bytes!("pretrained/hear-see/seed-0.safetensors"))),
     ("speaker-listener", &Aligned(*include_bytes!("pretrained/speaker-listener/seed-0.safetensors"))),
     ("spread-xy-2", &Aligned(*include_bytes!("pretrained/spread-xy-2/seed-0.safetensors"))),
-    ("spread-xy-4", &Aligned(*include_bytes!("pretrained/spread-xy-4.safetensors"))),
+    ("spread-xy-4", &Aligned(*include_bytes!("pretrained/spread-xy-4/seed-0.safetensors"))),
+    ("spread-blindfold", &Aligned(*include_bytes!("pretrained/spread-blindfold/seed-0.safetensors"))),
 ];
 
 /// The predictor that is used if the policy has it and nobody says otherwise.

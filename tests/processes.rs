@@ -21,8 +21,8 @@ fn the_main_job_runs_and_says_what_it_did() {
         "p50",
         "p99",
         "value-aware",
-        "half trained",
-        "0.6 M env steps",
+        "trained by",
+        "5 M env steps",
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }
