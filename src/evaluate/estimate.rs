@@ -147,6 +147,6 @@ impl<'a> Study<'a> {
 
 /// A difference as a share of the baseline's return without its sign: infinite if that is zero and the difference
 /// is not.
-fn relative(difference: f64, baseline: f64) -> f64 {
+pub(super) fn relative(difference: f64, baseline: f64) -> f64 {
     if difference == 0.0 { 0.0 } else { difference / baseline.abs() }
 }

@@ -6,6 +6,7 @@
 
 mod aggregate;
 mod bootstrap;
+mod claims;
 mod curve;
 mod estimate;
 mod evaluation;
@@ -16,6 +17,7 @@ mod summary;
 mod tests;
 mod weighted;
 
+pub use claims::{Claim, Claims, Scope};
 pub use evaluation::{
     AgeErrors, Calibration, Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings, UnitErrors,
 };
