@@ -19,6 +19,14 @@ pub fn ci95(values: &[f64]) -> Option<f64> {
     std(values).map(|std| t975(n - 1) * std / (n as f64).sqrt())
 }
 
+/// The value below which the share `q` of the values lies, which are in order; linear between them. NaN for none.
+pub fn quantile(ordered: &[f64], q: f64) -> f64 {
+    let Some(last) = ordered.len().checked_sub(1) else { return f64::NAN };
+    let at = q * last as f64;
+    let (low, high) = (ordered[at as usize], ordered[last.min(at as usize + 1)]);
+    low + (high - low) * at.fract()
+}
+
 /// The 97.5 % quantile of Student's t distribution.
 ///
 /// Tabulated where the expansion in 1/ν of Cornish and Fisher (Abramowitz and Stegun 26.7.5) is off by
@@ -51,7 +59,19 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_agree_with_published_tables() {
+    fn quantiles_worked_by_hand() {
+        let values = [1.0, 2.0, 4.0, 8.0, 16.0];
+        let quantiles = [0.0, 0.25, 0.3, 0.975, 1.0].map(|q| quantile(&values, q));
+        // 0.3 * 4 = 1.2, 0.975 * 4 = 3.9.
+        for (quantile, expected) in quantiles.into_iter().zip([1.0, 2.0, 2.4, 15.2, 16.0]) {
+            assert!((quantile - expected).abs() < 1e-12, "{quantile}");
+        }
+        assert_eq!(quantile(&[3.0], 0.975), 3.0);
+        assert!(quantile(&[], 0.5).is_nan());
+    }
+
+    #[test]
+    fn quantiles_of_t_agree_with_published_tables() {
         for (nu, t) in [(10, 2.2281), (20, 2.0860), (30, 2.0423), (100, 1.9840), (1000, 1.9623)] {
             assert!((t975(nu) - t).abs() < 2e-4, "t({nu}) = {}", t975(nu));
         }

@@ -13,17 +13,9 @@ fn the_main_job_runs_and_says_what_it_did() {
     let text = succeed("spawn --agents 4 --p 0.2 --episodes 20");
     let first = text.lines().next().unwrap();
     assert!(first.contains("p = 0.2") && first.contains("drop = 0.8"), "{first}");
-    for part in [
-        "return",
-        "95 %",
-        "delivered",
-        "RMSE",
-        "p50",
-        "p99",
-        "value-aware",
-        "trained by",
-        "5 M env steps",
-    ] {
+    for part in
+        ["return", "95 %", "delivered", "RMSE", "p50", "p99", "value-aware", "trained by", "5 M env steps"]
+    {
         assert!(text.contains(part), "{part}: {text}");
     }
     let first = succeed("spawn --drop 0.25 --episodes 1");

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use crate::agents::{AgentSettings, PolicySource};
 use crate::bus::Wait;
+use crate::evaluate::thousands;
 use crate::link::{Links, complement};
 use crate::nn::Meta;
 use crate::supervisor::{Audit, Statistics};
@@ -133,15 +134,6 @@ impl Summary<'_> {
 /// A quantile of the tick time in microseconds, to the nanosecond it is known to.
 fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
     statistics.tick_time(quantile).as_nanos() as f64 / 1e3
-}
-
-/// A number of steps with its unit: millions or thousands where there are some.
-fn thousands(steps: u64) -> String {
-    match steps {
-        100_000.. => format!("{} M", steps as f64 / 1e6),
-        1_000.. => format!("{} k", steps as f64 / 1e3),
-        _ => steps.to_string(),
-    }
 }
 
 fn counted(n: u64, what: &str) -> String {

@@ -4,17 +4,29 @@
 //!     policies x conditions x imputers -> cells -> Evaluation -> Summary -> table, results.json, CSV, report
 //! ```
 
+mod aggregate;
+mod bootstrap;
+mod claims;
+mod curve;
 mod errors;
+mod estimate;
 mod evaluation;
+mod grouping;
 mod play;
 mod record;
 mod require;
+mod sample;
 mod summary;
 mod sweep;
+#[cfg(test)]
+mod tests;
+mod weighted;
 
+pub use claims::{Claim, Claims, Scope};
 pub use evaluation::{
     AgeErrors, Calibration, Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings, UnitErrors,
 };
+pub(crate) use grouping::thousands;
 pub use record::{CELLS, Record};
 pub use require::{Metric, Requirement, Verdict};
 pub use summary::{Aggregate, CellSummary, Comparison, Group, ImputerSummary, Interval, Summary};

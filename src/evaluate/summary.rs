@@ -26,7 +26,7 @@ pub struct Group {
     pub label: String,
     /// Indices into [`Summary::contenders`].
     pub contenders: Vec<usize>,
-    /// Mean return of uniform actions from the same initial states: score 0.
+    /// Mean return of uniform actions from the same initial states: score 0. NaN if they were not played.
     pub random: Interval,
     /// The imputer the others are compared with, if the group was played with it.
     pub baseline: Option<String>,
@@ -43,10 +43,10 @@ pub struct ImputerSummary {
     pub cells: Vec<CellSummary>,
     /// Area under return over p, as a mean return over p; `None` for fewer than two levels.
     pub return_area: Option<Interval>,
-    /// The same of the score.
+    /// The same of the score; `None` also if a level has none.
     pub score_area: Option<Interval>,
-    /// The lowest p at which the score is still 0.9, between levels by linear interpolation; `None` if it falls
-    /// short at the highest level or p = 1 was not played.
+    /// The lowest p from which on the score stays at 0.9 or above, between levels by linear interpolation; the
+    /// lowest level if it does so everywhere, `None` if a level has no score.
     pub p_for_90: Option<Interval>,
     /// Errors over all levels below 1, by unit and steps since last received.
     pub errors: Vec<UnitErrors>,
@@ -57,7 +57,7 @@ pub struct ImputerSummary {
 pub struct CellSummary {
     /// The condition.
     pub condition: Condition,
-    /// Mean return of each contender of the group.
+    /// Mean return of each contender of the group that played this.
     pub seed_means: Vec<f64>,
     /// Their (unbiased) standard deviation, as in the paper's tables; `None` for one contender.
     pub seed_std: Option<f64>,
@@ -66,7 +66,7 @@ pub struct CellSummary {
     /// Interquartile mean of the same returns.
     pub iqm: Interval,
     /// Normalised score: 0 is [`Group::random`], 1 the same policy where everything is delivered; `None` unless
-    /// p = 1 was played.
+    /// p = 1 was played and is better than random for every contender, in every resample.
     pub score: Option<Interval>,
     /// Against the baseline imputer; `None` for the baseline itself and where nothing can be lost.
     pub comparison: Option<Comparison>,
@@ -77,11 +77,12 @@ pub struct CellSummary {
 pub struct Comparison {
     /// Mean of the paired differences of return; positive is better than the baseline.
     pub difference: Interval,
-    /// The difference as a share of the baseline's mean return, without its sign.
+    /// The difference as a share of the baseline's mean return, without its sign; infinite if only that is 0.
     pub relative: f64,
     /// Share of episodes that go better than with the baseline, ties half.
     pub probability_of_improvement: Interval,
-    /// Standard deviation over seeds, divided by that of the baseline; `None` for one contender.
+    /// Standard deviation over seeds, divided by that of the baseline; `None` for one contender,
+    /// or if that is 0.
     pub std_ratio: Option<f64>,
 }
 
@@ -104,7 +105,7 @@ pub struct Aggregate {
     pub iqm: Interval,
 }
 
-/// An estimate with its 95 % interval.
+/// An estimate with its 95 % bootstrap interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Interval {
     /// The estimate.

@@ -1,0 +1,51 @@
+//! Scores over tasks.
+
+use super::bootstrap::{Bootstrap, Stratum};
+use super::estimate::Study;
+use super::evaluation::Condition;
+use super::grouping::distinct;
+use super::summary::Aggregate;
+use super::weighted::{Ordered, weighted_mean};
+
+/// One per label, condition and imputer with scores in at least two tasks.
+pub(super) fn aggregates(studies: &[Study], seed: u64, threads: usize) -> Vec<Aggregate> {
+    let tasks = distinct(studies.iter().map(|study| study.group.task));
+    let kinds = distinct(studies.iter().flat_map(|study| {
+        study.group.cells.iter().map(|cell| (&study.group.label[..], cell.condition, cell.imputer))
+    }));
+    let aggregate = |kind: &(&str, Condition, &str)| aggregate(studies, &tasks, *kind, seed, threads);
+    kinds.iter().filter_map(aggregate).collect()
+}
+
+fn aggregate(
+    studies: &[Study],
+    tasks: &[&str],
+    (label, condition, imputer): (&str, Condition, &str),
+    seed: u64,
+    threads: usize,
+) -> Option<Aggregate> {
+    let (mut played, mut strata, mut scores) = (Vec::new(), Vec::new(), Vec::new());
+    for study in studies.iter().filter(|study| study.group.label == label) {
+        let cell = study.group.find(imputer, condition);
+        let Some(runs) = cell.and_then(|cell| study.scores(cell)) else { continue };
+        let task = tasks.iter().position(|task| *task == study.group.task);
+        strata.push(Stratum::runs(task.expect("the group's task is one of all"), runs.len()));
+        played.push(study.group.task.to_owned());
+        scores.extend(runs);
+    }
+    if played.len() < 2 {
+        return None;
+    }
+    let ordered = Ordered::new(scores.iter().copied().enumerate());
+    let look = |counts: &[f64]| (weighted_mean(&scores, counts), ordered.iqm(counts));
+    let bootstrap = Bootstrap::new(seed, &strata, threads, look);
+    Some(Aggregate {
+        label: label.to_owned(),
+        condition,
+        imputer: imputer.to_owned(),
+        tasks: played,
+        runs: scores.len(),
+        mean: bootstrap.interval(|(mean, _)| *mean),
+        iqm: bootstrap.interval(|(_, iqm)| *iqm),
+    })
+}
