@@ -5,6 +5,7 @@
 //! ```
 
 mod evaluation;
+pub mod report;
 mod summary;
 
 pub use evaluation::{
