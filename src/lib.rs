@@ -12,7 +12,7 @@
 //!
 //! | room | what is in it |
 //! |---|---|
-//! | [`error`], [`file`](mod@file), [`rng`], [`stats`], [`threads`] | errors with exit codes, files that appear whole, addressed draws, statistics, work side by side |
+//! | [`error`], [`file`](mod@file), [`rng`], [`stats`], [`table`], [`threads`] | errors with exit codes, files that appear whole, addressed draws, statistics, tables for terminals, work side by side |
 //! | [`world`] | physics and tasks |
 //! | [`link`] | who receives whom |
 //! | [`nn`] | actor, predictor, kernels, policy file |
@@ -37,6 +37,7 @@ pub mod error;
 pub mod evaluate;
 pub mod file;
 pub mod link;
+pub mod machine;
 pub mod metrics;
 pub mod nn;
 pub mod plot;
@@ -44,6 +45,7 @@ pub mod recording;
 pub mod rng;
 pub mod stats;
 pub mod supervisor;
+pub mod table;
 pub mod threads;
 pub mod train;
 pub mod verify;

@@ -13,7 +13,11 @@ use super::{policy_source, print, tell};
 use crate::agents::{ImputerName, PREFERRED, PolicySource};
 use crate::bus::Wait;
 use crate::error::{Error, Result};
-use crate::evaluate::{Condition, Entrant, Group, Place, Record, Requirement, Settings, Summary, Sweep};
+use crate::evaluate::report::{self, Provenance};
+use crate::evaluate::{
+    Condition, Entrant, Group, Place, Record, Requirement, Settings, Summary, Sweep, Verdict,
+};
+use crate::machine;
 use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
 use crate::usage;
@@ -141,22 +145,33 @@ impl Evaluate {
             progress.finish();
             played.map_err(|error| self.where_it_stands(error))?
         };
-        let _ = baseline;
-        for cell in &evaluation.cells {
-            let name = &evaluation.contenders[cell.contender].name;
-            let errors = cell.outcome.errors.iter().map(|unit| {
-                let first = unit.ages[0];
-                (unit.unit, first.rmse(), first.calibration.map(|c| c.within_95 as f64 / first.count as f64))
-            });
-            let errors: Vec<_> = errors.collect();
-            print(&format!(
-                "{name} {} {} {:.2} {errors:?}\n",
-                cell.condition,
-                cell.imputer,
-                crate::stats::mean(&cell.outcome.returns)
-            ))?;
+        let summary = Summary::of(&evaluation, &baseline, threads(self.threads));
+        let provenance = provenance();
+        if let Some(folder) = &self.report {
+            report::write(folder, &evaluation, &summary, &provenance)?;
         }
-        Ok(())
+        match (self.json, &self.report) {
+            (true, _) => print(&report::results(&summary, &provenance))?,
+            (false, None) => print(&report::text(&summary))?,
+            (false, Some(folder)) => {
+                let page = folder.join("report.html");
+                print(&format!(
+                    "{}\nwrote {}, and the same for programs\n",
+                    report::text(&summary),
+                    page.display()
+                ))?;
+            }
+        }
+        self.check(&summary)
+    }
+
+    /// Says what came of the requirements.
+    fn check(&self, summary: &Summary) -> Result<()> {
+        let verdicts = self.require.iter().flat_map(|requirement| requirement.check(summary, preferred));
+        let (met, unmet): (Vec<_>, Vec<_>) = verdicts.partition(Verdict::is_met);
+        met.iter().for_each(|verdict| tell(&verdict.to_string()));
+        let words: Vec<String> = unmet.iter().map(Verdict::to_string).collect();
+        if words.is_empty() { Ok(()) } else { Err(Error::Unmet(words.join("\n       "))) }
     }
 
     /// What there is to play.
@@ -301,6 +316,26 @@ impl Evaluate {
     }
 }
 
+/// What an evaluation is made with.
+fn provenance() -> Provenance {
+    let arguments = std::env::args_os().skip(1).map(|word| quoted(&word.to_string_lossy()));
+    Provenance {
+        program: format!("vamaro-swarm {}", env!("CARGO_PKG_VERSION")),
+        command: std::iter::once("vamaro-swarm".to_owned()).chain(arguments).collect::<Vec<_>>().join(" "),
+        cpu: machine::cpu(),
+        date: machine::today(),
+    }
+}
+
+/// A word as a shell takes it for one.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,=:+@%".contains(c);
+    match !word.is_empty() && word.chars().all(plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    }
+}
+
 /// The imputer that a swarm of this group would use by itself.
 fn preferred(group: &Group) -> Option<String> {
     let mut names = group.imputers.iter().map(|imputer| &imputer.imputer);
@@ -347,5 +382,16 @@ impl Progress {
 
     fn finish(self) {
         self.bar.iter().for_each(ProgressBar::finish_and_clear);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_can_be_pasted_into_a_shell() {
+        let words = ["p=0.2 score>=0.9", "runs/hs-0", "it's", ""];
+        assert_eq!(words.map(quoted), ["'p=0.2 score>=0.9'", "runs/hs-0", "'it'\\''s'", "''"]);
     }
 }

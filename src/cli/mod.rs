@@ -25,6 +25,7 @@ use clap_complete::Shell;
 use crate::agents::PolicySource;
 use crate::agents::process::{self, ProcessSettings};
 use crate::error::{Error, Result};
+use crate::table::table;
 use crate::usage;
 
 /// Swarms of agents as processes that share observations through memory, over links that fail
@@ -152,14 +153,6 @@ fn keep_candle_to_its_thread() -> Result<()> {
 /// Writes a value to stdout as one JSON object.
 fn print_json(value: &serde_json::Value) -> Result<()> {
     print(&format!("{value:#}\n"))
-}
-
-/// A table without borders, its columns as wide as they need to be.
-fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
-    let mut table = comfy_table::Table::new();
-    table.load_style(comfy_table::presets::NOTHING).set_header(header).add_rows(rows);
-    let padding = |line: &str| line.strip_prefix(' ').unwrap_or(line).trim_end().to_owned() + "\n";
-    table.to_string().lines().map(padding).collect()
 }
 
 /// Reads `--policy`: a file, a folder that holds `policy.safetensors`, the name of a pretrained policy in the

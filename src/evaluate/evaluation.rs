@@ -146,6 +146,11 @@ impl Condition {
         }
     }
 
+    /// `level`, or the name of the mode.
+    pub fn name(self) -> &'static str {
+        self.links().name()
+    }
+
     /// Whether everything is delivered, always.
     pub fn is_lossless(self) -> bool {
         self == Condition::Level(1.0)
@@ -167,7 +172,7 @@ impl fmt::Display for Condition {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Condition::Level(p) => write!(f, "p={p}"),
-            mode => f.write_str(mode.links().name()),
+            mode => f.write_str(mode.name()),
         }
     }
 }

@@ -14,6 +14,7 @@ mod evaluation;
 mod grouping;
 mod play;
 mod record;
+pub mod report;
 mod require;
 mod sample;
 mod summary;

@@ -41,6 +41,7 @@ pub fn curves(runs: &[Metrics], title: &str) -> Result<String> {
         x_label: "environment steps".to_owned(),
         y_label: "return per episode".to_owned(),
         series: predictors.iter().filter_map(|predictor| series(runs, predictor, *level)).collect(),
+        ..Panel::default()
     });
     let panels: Vec<Panel> = panels.collect();
     if panels.iter().flat_map(|panel| &panel.series).all(|series| series.points.is_empty()) {

@@ -17,7 +17,7 @@ pub struct Figure {
 }
 
 /// One pair of axes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Panel {
     /// Stands above the panel.
     pub title: String,
@@ -27,6 +27,8 @@ pub struct Panel {
     pub y_label: String,
     /// From back to front.
     pub series: Vec<Series>,
+    /// What the x axis spans at least.
+    pub x_span: Option<(f64, f64)>,
 }
 
 /// A line.
@@ -34,7 +36,8 @@ pub struct Panel {
 pub struct Series {
     /// Its name in the legend.
     pub name: String,
-    /// In the order they are joined. Points that are not finite are left out.
+    /// In the order they are joined. Points that are not finite are left out. A name without any point is not in
+    /// the legend, but keeps its place: the names after it look as they do where it has some.
     pub points: Vec<Point>,
 }
 
@@ -55,7 +58,8 @@ impl Figure {
     pub fn to_svg(&self) -> String {
         let names = self.names();
         let title = wrap(&self.title, WIDTH - 2.0 * MARGIN, TITLE);
-        let (legend, legend_lines) = flow(&names);
+        let drawn: Vec<usize> = (0..names.len()).filter(|index| self.is_drawn(names[*index])).collect();
+        let (legend, legend_lines) = flow(drawn.iter().map(|index| names[*index]));
         let columns = self.panels.len().min(2);
         let top = MARGIN + title.len() as f64 * (TITLE + 6.0) + legend_lines as f64 * LINE + 8.0;
         let grid = Grid::new(&self.panels, columns, top);
@@ -72,11 +76,11 @@ impl Figure {
             y += TITLE + 6.0;
             svg.text("title", (MARGIN, y - 6.0), Anchor::Start, line);
         }
-        for (index, ((x, line), name)) in legend.into_iter().zip(&names).enumerate() {
+        for ((x, line), index) in legend.into_iter().zip(drawn) {
             let y = y + (line as f64 + 0.5) * LINE;
             let sample = [(x, y), (x + SAMPLE, y)];
             svg.path(&format!("line s{index}"), sample.into_iter(), false);
-            svg.text("text", (x + SAMPLE + 8.0, y + 0.35 * TEXT), Anchor::Start, name);
+            svg.text("text", (x + SAMPLE + 8.0, y + 0.35 * TEXT), Anchor::Start, names[index]);
         }
         for (index, panel) in self.panels.iter().enumerate() {
             grid.draw_axes(&mut svg, index, panel);
@@ -96,6 +100,12 @@ impl Figure {
         }
         names
     }
+
+    /// Whether a series of this name has points.
+    fn is_drawn(&self, name: &str) -> bool {
+        let mut series = self.panels.iter().flat_map(|panel| &panel.series);
+        series.any(|series| series.name == name && !series.points.is_empty())
+    }
 }
 
 impl Point {
@@ -114,7 +124,8 @@ const TEXT: f64 = 16.0;
 const LINE: f64 = 24.0;
 /// Length of a line in the legend.
 const SAMPLE: f64 = 40.0;
-const PANEL_HEIGHT: f64 = 150.0;
+/// Height of the lines of a panel that stands alone, and of one beside another.
+const PANEL_HEIGHTS: [f64; 2] = [260.0, 150.0];
 
 /// An upper estimate of a text's width: fonts differ, and SVG has no way to ask.
 fn width(text: &str, size: f64) -> f64 {
@@ -137,7 +148,7 @@ fn wrap(text: &str, room: f64, size: f64) -> Vec<String> {
 }
 
 /// Where the entries of the legend stand (x, line), and how many lines they take.
-fn flow(names: &[&str]) -> (Vec<(f64, usize)>, usize) {
+fn flow<'a>(names: impl Iterator<Item = &'a str>) -> (Vec<(f64, usize)>, usize) {
     let (mut x, mut line) = (MARGIN, 0);
     let mut places = Vec::new();
     for name in names {
@@ -160,6 +171,7 @@ struct Grid {
     corners: Vec<(f64, f64)>,
     axes: Vec<[Axis; 2]>,
     panel_width: f64,
+    panel_height: f64,
     bottom: f64,
     /// Whether each panel's labels of x and y are shown, not those of a neighbour.
     labelled: Vec<[bool; 2]>,
@@ -190,6 +202,7 @@ impl Grid {
         let gap = 26.0;
         let room = WIDTH - 2.0 * MARGIN - gutters.iter().sum::<f64>() - gap * columns as f64;
         let panel_width = room / columns.max(1) as f64;
+        let panel_height = PANEL_HEIGHTS[usize::from(columns > 1)];
         let lefts: Vec<f64> = (0..columns)
             .map(|c| MARGIN + gutters[..=c].iter().sum::<f64>() + c as f64 * (panel_width + gap))
             .collect();
@@ -199,21 +212,21 @@ impl Grid {
             y += LINE;
             corners.extend(lefts.iter().take(row.len()).map(|x| (*x, y)));
             let label = if row.iter().any(|[x, _]| *x) { LINE } else { 0.0 };
-            y += PANEL_HEIGHT + LINE + label + 8.0;
+            y += panel_height + LINE + label + 8.0;
         }
-        Grid { columns, gutters, corners, axes, panel_width, bottom: y + 4.0, labelled }
+        Grid { columns, gutters, corners, axes, panel_width, panel_height, bottom: y + 4.0, labelled }
     }
 
     /// Where a value of panel `index` is.
     fn place(&self, index: usize, x: f64, y: f64) -> (f64, f64) {
         let (left, top) = self.corners[index];
         let [x_axis, y_axis] = &self.axes[index];
-        (left + self.panel_width * x_axis.position(x), top + PANEL_HEIGHT * (1.0 - y_axis.position(y)))
+        (left + self.panel_width * x_axis.position(x), top + self.panel_height * (1.0 - y_axis.position(y)))
     }
 
     fn draw_axes(&self, svg: &mut Svg, index: usize, panel: &Panel) {
         let (left, top) = self.corners[index];
-        let (right, bottom) = (left + self.panel_width, top + PANEL_HEIGHT);
+        let (right, bottom) = (left + self.panel_width, top + self.panel_height);
         let [x_axis, y_axis] = &self.axes[index];
         svg.text("panel", (left, top - 8.0), Anchor::Start, &panel.title);
         for (value, text) in &y_axis.ticks {
@@ -265,14 +278,14 @@ impl Grid {
 }
 
 /// The axes of a panel: of its values and of those it shares the label with.
-fn axes(panels: &[Panel], panel: &Panel) -> [Axis; 2] {
-    let points = |same: &dyn Fn(&&Panel) -> bool| -> Vec<Point> {
-        let panels = panels.iter().filter(same);
-        panels.flat_map(|panel| &panel.series).flat_map(|series| &series.points).copied().collect()
-    };
-    let x = points(&|other| other.x_label == panel.x_label);
-    let y = points(&|other| other.y_label == panel.y_label);
-    [Axis::new(x.iter().map(|point| point.x), 4), Axis::new(y.iter().flat_map(|point| point.ys()), 5)]
+fn axes<'a>(panels: &'a [Panel], panel: &Panel) -> [Axis; 2] {
+    let points = |panel: &'a Panel| panel.series.iter().flat_map(|series| &series.points);
+    let x = panels.iter().filter(|other| other.x_label == panel.x_label).flat_map(|panel| {
+        let span = panel.x_span.into_iter().flat_map(|(low, high)| [low, high]);
+        points(panel).map(|point| point.x).chain(span)
+    });
+    let y = panels.iter().filter(|other| other.y_label == panel.y_label).flat_map(points);
+    [Axis::new(x, 4), Axis::new(y.flat_map(Point::ys), 5)]
 }
 
 #[cfg(test)]
@@ -288,6 +301,7 @@ mod tests {
             x_label: "x".to_owned(),
             y_label: label.to_owned(),
             series: series.collect(),
+            ..Panel::default()
         }
     }
 
@@ -343,6 +357,23 @@ mod tests {
         // In the legend and in both panels.
         assert_eq!(svg.matches("class=\"line s1\"").count(), 3);
         assert_eq!(svg.matches("class=\"line s0\"").count(), 2);
+    }
+
+    #[test]
+    fn a_name_without_points_keeps_its_place_and_stands_in_no_legend() {
+        let mut panel = panel("y", &["a", "b"], &[0.0, 1.0]);
+        panel.series[0].points.clear();
+        let svg = figure(vec![panel]).to_svg();
+        assert!(svg.contains(">b</text>") && !svg.contains(">a</text>"));
+        assert_eq!([0, 1].map(|style| svg.matches(&format!("class=\"line s{style}\"")).count()), [0, 2]);
+    }
+
+    #[test]
+    fn an_axis_spans_what_it_should() {
+        let mut panel = panel("y", &["a"], &[0.0, 1.0, 1.5]);
+        panel.x_span = Some((-4.0, 1.0));
+        let svg = figure(vec![panel]).to_svg();
+        assert!(svg.contains(">-4</text>") && svg.contains(">2</text>"));
     }
 
     #[test]

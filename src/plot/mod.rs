@@ -12,3 +12,4 @@ mod svg;
 
 pub use curves::curves;
 pub use figure::{Figure, Panel, Point, Series};
+pub(crate) use svg::escape;

@@ -37,14 +37,17 @@ pub(super) fn style(n_series: usize) -> String {
     format!("{light}@media (prefers-color-scheme:dark){{\n{dark}}}\n")
 }
 
-/// Colours that colour-blind readers can tell apart, after Okabe and Ito (2008), on light and on dark paper.
-const COLOURS: [(&str, &str); 5] = [
+/// Colours that colour-blind readers can tell apart, the first five after Okabe and Ito (2008), on light and on
+/// dark paper.
+const COLOURS: [(&str, &str); 7] = [
     ("#0072b2", "#56b4e9"),
     ("#d55e00", "#e69f00"),
     ("#009e73", "#2fc99c"),
     ("#b0508a", "#cc79a7"),
     ("#444444", "#f0e442"),
+    ("#8c959f", "#8b949e"),
+    ("#4b93c4", "#e07a5f"),
 ];
 
-/// Their number has no factor in common with that of the colours, so 20 lines differ.
+/// Their number has no factor in common with that of the colours, so 28 lines differ.
 const DASHES: [&str; 4] = ["none", "9 4", "2.5 3", "10 3 2.5 3"];

@@ -74,7 +74,7 @@ impl Anchor {
 }
 
 /// Text as it must be written in XML, without the control characters that XML has no way to write.
-pub(super) fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
         match character {

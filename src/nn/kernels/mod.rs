@@ -47,6 +47,18 @@ use std::sync::LazyLock;
 /// The instruction set of this machine.
 static ARCH: LazyLock<Arch> = LazyLock::new(Arch::new);
 
+/// The name of the instruction set that is used. On another one sums may be grouped differently.
+pub fn instruction_set() -> &'static str {
+    struct Name;
+    impl pulp::WithSimd for Name {
+        type Output = &'static str;
+        fn with_simd<S: Simd>(self, _: S) -> &'static str {
+            std::any::type_name::<S>().rsplit("::").next().unwrap_or_default()
+        }
+    }
+    ARCH.dispatch(Name)
+}
+
 /// `y = x @ weight + start`: `x` is `[rows, k]`, `weight` `[k, n]`, `y` `[rows, n]`.
 ///
 /// With [`Start::Bias`] the bias is `[n]`; with [`Start::Output`] the products are added to what `y` holds.

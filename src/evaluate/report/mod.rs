@@ -1,0 +1,117 @@
+//! Writes an evaluation down: for people, for programs and for papers.
+//!
+//! `docs/formats.md` defines every file.
+
+mod csv;
+mod figures;
+mod group;
+mod html;
+mod markdown;
+mod marl_eval;
+mod notes;
+mod page;
+mod results;
+mod text;
+mod words;
+
+#[cfg(test)]
+mod fixture;
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+pub use results::results;
+pub use text::text;
+
+use super::{Evaluation, Summary};
+use crate::error::Result;
+use crate::file::AtomicFile;
+use crate::plot::Figure;
+
+/// What an evaluation was made with.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Provenance {
+    /// Name and version of the program.
+    pub program: String,
+    /// The command line.
+    pub command: String,
+    /// Model of the CPU and the feature set that was used: sums are grouped differently on others.
+    pub cpu: String,
+    /// The day, as in 2026-02-28.
+    pub date: String,
+}
+
+/// Writes an evaluation into a folder that exists: `report.html`, `results.json`, `marl-eval.json`, `summary.csv`,
+/// `episodes.csv`, `errors.csv`, `table.md`, and those of `robustness.svg`, `difference.svg` and `error-by-age.svg` that
+/// have something to show. Returns where they are.
+///
+/// # Errors
+/// [`Error::Failed`](crate::error::Error::Failed) if a file cannot be written; those before it are complete.
+pub fn write(
+    folder: &Path,
+    evaluation: &Evaluation,
+    summary: &Summary,
+    provenance: &Provenance,
+) -> Result<Vec<PathBuf>> {
+    let imputers = words::imputers(summary);
+    let figures = [
+        ("robustness.svg", figures::robustness(&summary.groups, &imputers)),
+        ("difference.svg", figures::difference(&summary.groups, &imputers)),
+        ("error-by-age.svg", figures::error_by_age(&summary.groups, &imputers)),
+    ];
+    let mut files = vec![
+        ("report.html", page::page(summary, provenance)),
+        ("results.json", results::results(summary, provenance)),
+        ("marl-eval.json", marl_eval::marl_eval(evaluation, summary)),
+        ("summary.csv", csv::summary(summary)),
+        ("episodes.csv", csv::episodes(evaluation)),
+        ("errors.csv", csv::errors(summary)),
+        ("table.md", markdown::tables(summary)),
+    ];
+    let drawn = figures.into_iter().filter(|(_, figure)| !figure.panels.is_empty());
+    files.extend(drawn.map(|(name, figure): (_, Figure)| (name, figure.to_svg())));
+    let written = files.into_iter().map(|(name, content)| {
+        let path = folder.join(name);
+        AtomicFile::write(&path, content.as_bytes()).map(|()| path)
+    });
+    written.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_files_are_written_whole() {
+        let (evaluation, summary) = fixture::two_tasks();
+        let folder = tempfile::tempdir().unwrap();
+        let files = write(folder.path(), &evaluation, &summary, &fixture::provenance()).unwrap();
+        let mut there: Vec<PathBuf> =
+            std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        let mut said = files.clone();
+        there.sort();
+        said.sort();
+        assert_eq!((said, files.len()), (there, 10));
+        let docs = include_str!("../../../docs/formats.md");
+        for file in files {
+            let name = file.file_name().unwrap().to_str().unwrap().to_owned();
+            assert!(docs.contains(&format!("`{name}`")), "docs/formats.md says nothing of {name}");
+            let text = std::fs::read_to_string(&file).unwrap();
+            assert!(text.ends_with('\n'), "{name}");
+            if name.ends_with(".json") {
+                serde_json::from_str::<serde_json::Value>(&text).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn what_has_nothing_to_show_is_not_written() {
+        let (evaluation, mut summary) = fixture::two_tasks();
+        summary.groups.iter_mut().for_each(fixture::forget_baseline);
+        let folder = tempfile::tempdir().unwrap();
+        let files = write(folder.path(), &evaluation, &summary, &fixture::provenance()).unwrap();
+        assert!(!files.contains(&folder.path().join("difference.svg")) && files.len() == 9);
+        assert!(write(&folder.path().join("none"), &evaluation, &summary, &fixture::provenance()).is_err());
+    }
+}

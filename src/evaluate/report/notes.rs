@@ -1,0 +1,83 @@
+//! What the statistics of a report mean, in its own words. `docs/metrics.md` has the formulas.
+
+/// Statistics.
+pub const STATISTICS: &[(&str, &str)] = &[
+    (
+        "p",
+        "The probability that a link delivers: every observation that one agent sends another at a step arrives with \
+         probability p, independently of all others, and is lost with 1 - p.",
+    ),
+    (
+        "uniform, asymmetric, dynamic",
+        "Links without one fixed p. Uniform: one p ~ U(0, 1) per episode. Asymmetric: for each sender and receiver a \
+         p ~ U(0, 1) of their own per episode. Dynamic: those redrawn every 5 steps.",
+    ),
+    (
+        "return",
+        "The sum of the team's rewards in an episode, undiscounted. Means are over all episodes of all policies of a \
+         group.",
+    ),
+    (
+        "95 % interval",
+        "In brackets, and the bands of figures. They are of the whole group, not of one policy.",
+    ),
+    (
+        "std",
+        "The unbiased standard deviation of the policies' mean returns: how much the seed of training matters.",
+    ),
+    (
+        "score",
+        "The return on a scale on which 0 is what uniformly random actions bring in, and 1 what the same policies \
+         bring in where everything is delivered.",
+    ),
+    (
+        "difference",
+        "The return of an episode minus that of the same episode with the baseline: the same policy, initial \
+         state, and draws of actions and links. Positive is better than the baseline; the percentage is of the size \
+         of the baseline's mean return. Bold where the interval leaves out zero.",
+    ),
+    (
+        "better in",
+        "The probability of improvement: the share of episodes that go better than with the baseline, ties counting \
+         half. At 50 % neither is better.",
+    ),
+    (
+        "std ratio",
+        "The standard deviation over policies, divided by the baseline's: below 1, seeds matter less.",
+    ),
+    ("area", "The area under the curve over p, divided by the width of the levels: a mean over p."),
+    (
+        "p for 90 %",
+        "The lowest p at which the score is still 0.9, by linear interpolation between levels; the lower, the more \
+         loss is borne.",
+    ),
+    (
+        "IQM",
+        "The interquartile mean: of the middle half of the values, so that few extreme ones do not decide.",
+    ),
+    (
+        "RMSE by age",
+        "The root mean squared error of imputed values that were last received so many steps ago, over all \
+         receivers, episodes and levels below 1, apart for each unit.",
+    ),
+    (
+        "in 50 %, in 95 %",
+        "A learned predictor states how sure it is. The share of true values within the central 50 % and 95 % \
+         intervals that it stated should be 50 % and 95 %; less means that it is surer than it may be. z^2 \
+         is the mean of the squared error in units of the stated standard deviation, and should be 1.",
+    ),
+];
+
+/// Imputers, by their names.
+pub const IMPUTERS: &[(&str, &str)] = &[
+    (
+        "value-aware",
+        "An LSTM that predicts the next change of every observation, trained with more weight on what the policy is \
+         moving towards.",
+    ),
+    ("maro", "The same network, trained to predict all that was replayed to it alike."),
+    ("lambda0", "The same network, trained on what value-aware is trained on, but with equal weights."),
+    ("hold", "What was received last."),
+    ("velocity", "What was received last, moved on by the velocity that was received with it."),
+    ("zero", "Zeros."),
+];

@@ -1,0 +1,139 @@
+//! What a terminal shows of an evaluation.
+
+use super::words;
+use crate::evaluate::{CellSummary, Condition, Group, ImputerSummary, Summary};
+use crate::table::table;
+
+/// Tables of every group: return and score under each condition, and what a curve comes to.
+pub fn text(summary: &Summary) -> String {
+    let groups = summary.groups.iter().map(|group| {
+        let heading = format!(
+            "{}, {} ({}), {} episodes each; uniform actions {}\n\n",
+            words::group(group),
+            words::policies(group.contenders.len()),
+            words::seeds(summary, group),
+            summary.settings.episodes,
+            words::plus_minus(&group.random, 1)
+        );
+        heading + &outcomes(group) + &overall(group)
+    });
+    groups.collect::<Vec<_>>().join("\n")
+}
+
+/// Return and score, an imputer in each row and a condition in each column, in as many tables as it takes.
+fn outcomes(group: &Group) -> String {
+    const COLUMNS: usize = 100;
+    let conditions = words::conditions(group);
+    let tables_of = |n: usize| -> Vec<String> {
+        let chunks = conditions.chunks(n).enumerate();
+        chunks.map(|(chunk, conditions)| outcomes_under(group, chunk * n, conditions)).collect()
+    };
+    let fits = |tables: &Vec<String>| {
+        tables.iter().flat_map(|table| table.lines()).all(|line| line.chars().count() <= COLUMNS)
+    };
+    let most = (1..=conditions.len()).rev().find(|n| fits(&tables_of(*n)));
+    tables_of(most.unwrap_or(1)).join("\n")
+}
+
+/// The same under some conditions, the first of which is the cell number `first` of each imputer.
+fn outcomes_under(group: &Group, first: usize, conditions: &[Condition]) -> String {
+    let names: Vec<String> = conditions.iter().copied().map(words::condition).collect();
+    let mut header = vec!["mean return"];
+    header.extend(names.iter().map(String::as_str));
+    let cells = |imputer: &'_ ImputerSummary, value: &dyn Fn(&CellSummary) -> String| {
+        let cells = imputer.cells.iter().skip(first).take(conditions.len()).map(value);
+        std::iter::once(imputer.imputer.clone()).chain(cells).collect::<Vec<_>>()
+    };
+    let means = |imputer| cells(imputer, &|cell| words::plus_minus(&cell.mean, 1));
+    let scores = |imputer| {
+        cells(imputer, &|cell| cell.score.map_or("-".into(), |score| words::number(score.value, 2)))
+    };
+    let mut rows: Vec<Vec<String>> = group.imputers.iter().map(means).collect();
+    if group.imputers.iter().flat_map(|imputer| &imputer.cells).any(|cell| cell.score.is_some()) {
+        rows.push(vec!["score".to_owned()]);
+        rows.extend(group.imputers.iter().map(scores));
+    }
+    table(&header, rows)
+}
+
+/// Areas, p for 90 % of the score, and differences to the baseline at the two lowest levels.
+fn overall(group: &Group) -> String {
+    let mut levels: Vec<f64> = words::conditions(group).into_iter().filter_map(Condition::level).collect();
+    if levels.is_empty() {
+        return String::new();
+    }
+    levels.retain(|level| *level < 1.0);
+    levels.sort_by(f64::total_cmp);
+    levels.truncate(2);
+    let mut header: Vec<String> = ["over p", "return", "score", "p for 90 %"].map(str::to_owned).to_vec();
+    if let Some(baseline) = &group.baseline {
+        header.extend(levels.iter().map(|p| format!("to {baseline} at p = {p}")));
+    }
+    let rows = group.imputers.iter().map(|imputer| {
+        let estimate = |interval: &Option<_>, decimals| {
+            interval.as_ref().map_or("-".to_owned(), |interval| words::plus_minus(interval, decimals))
+        };
+        let mut row = vec![
+            imputer.imputer.clone(),
+            estimate(&imputer.return_area, 1),
+            estimate(&imputer.score_area, 2),
+            estimate(&imputer.p_for_90, 2),
+        ];
+        let at = |p: &f64| imputer.cells.iter().find(|cell| cell.condition == Condition::Level(*p));
+        let comparisons = levels.iter().map(|p| at(p).and_then(|cell| cell.comparison));
+        row.extend(comparisons.filter(|_| group.baseline.is_some()).map(|comparison| {
+            let difference = comparison.map(|comparison| comparison.difference);
+            let sign = if difference.is_some_and(|difference| difference.value > 0.0) { "+" } else { "" };
+            format!("{sign}{}", estimate(&difference, 1))
+        }));
+        row
+    });
+    format!("\n{}", table(&header.iter().map(String::as_str).collect::<Vec<_>>(), rows))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture;
+    use super::*;
+
+    fn wide() -> Summary {
+        let conditions = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0].map(Condition::Level);
+        let modes = [Condition::Uniform, Condition::Asymmetric, Condition::Dynamic];
+        let tasks = [("spread-xy-4", -834.0, 3), ("hear-see", -24.0, 1)];
+        let imputers = ["value-aware", "maro", "hold"];
+        fixture::played(&tasks, &[&conditions[..], &modes].concat(), &imputers, 1000).1
+    }
+
+    #[test]
+    fn it_fits_a_terminal_and_leaves_nothing_out() {
+        let summary = wide();
+        let text = text(&summary);
+        assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+        assert!(text.contains("spread-xy-4: mappo, 3 policies (seeds 0, 1, 2), 1000 episodes each; uniform"));
+        assert!(text.contains("hear-see: mappo, 1 policy (seed 0), "));
+        for group in &summary.groups {
+            for cell in group.imputers.iter().flat_map(|imputer| &imputer.cells) {
+                assert!(text.contains(&words::plus_minus(&cell.mean, 1)));
+            }
+        }
+        for mode in ["uniform", "asymmetric", "dynamic", "p = 0.6", "to maro at p = 0.2"] {
+            assert_eq!(text.matches(&format!("  {mode}")).count(), 2, "{mode}\n{text}");
+        }
+    }
+
+    #[test]
+    fn without_a_baseline_or_levels_there_is_still_a_table() {
+        let (_, mut summary) = fixture::two_tasks();
+        summary.groups.truncate(1);
+        fixture::forget_baseline(&mut summary.groups[0]);
+        for imputer in &mut summary.groups[0].imputers {
+            imputer.cells.retain(|cell| cell.condition.level().is_none());
+            imputer.cells.iter_mut().for_each(|cell| cell.score = None);
+            (imputer.return_area, imputer.score_area, imputer.p_for_90) = (None, None, None);
+        }
+        let text = text(&summary);
+        assert!(text.contains("dynamic") && !text.contains("to maro"), "{text}");
+        let rows = text.lines().filter(|line| line.starts_with("hold"));
+        assert_eq!(rows.map(|row| row.split_whitespace().count()).collect::<Vec<_>>(), [4]);
+    }
+}

@@ -1,0 +1,113 @@
+//! How numbers and conditions are written, in whatever file.
+
+use crate::evaluate::grouping::distinct;
+use crate::evaluate::{AgeErrors, Condition, Group, ImputerSummary, Interval, Summary, UnitErrors};
+use crate::world::Unit;
+
+/// `p = 0.2`, or the name of the mode.
+pub fn condition(condition: Condition) -> String {
+    match condition.level() {
+        Some(p) => format!("p = {p}"),
+        None => condition.name().to_owned(),
+    }
+}
+
+/// The conditions a group was played under.
+pub fn conditions(group: &Group) -> Vec<Condition> {
+    let first = group.imputers.first();
+    first.map_or(Vec::new(), |imputer| imputer.cells.iter().map(|cell| cell.condition).collect())
+}
+
+/// `hear-see: mappo`.
+pub fn group(group: &Group) -> String {
+    format!("{}: {}", group.task, group.label)
+}
+
+/// `seeds 0, 1, 2`.
+pub fn seeds(summary: &Summary, group: &Group) -> String {
+    let seeds: Vec<String> =
+        group.contenders.iter().map(|at| summary.contenders[*at].seed.to_string()).collect();
+    format!("seed{} {}", if seeds.len() == 1 { "" } else { "s" }, seeds.join(", "))
+}
+
+/// `1 policy`, `3 policies`.
+pub fn policies(n: usize) -> String {
+    format!("{n} polic{}", if n == 1 { "y" } else { "ies" })
+}
+
+/// What the summary knows of an imputer of a group.
+pub fn imputer<'a>(group: &'a Group, name: &str) -> Option<&'a ImputerSummary> {
+    group.imputers.iter().find(|imputer| imputer.imputer == name)
+}
+
+/// All imputers, in the order in which they first come.
+pub fn imputers(summary: &Summary) -> Vec<&str> {
+    distinct(summary.groups.iter().flat_map(|group| &group.imputers).map(|imputer| &imputer.imputer[..]))
+}
+
+/// The units of what a group's imputers imputed.
+pub fn units(group: &Group) -> Vec<Unit> {
+    let errors = || group.imputers.iter().flat_map(|imputer| &imputer.errors);
+    let imputed = |unit: &Unit| errors().any(|errors| errors.unit == *unit && all_ages(errors).count > 0);
+    Unit::ALL.into_iter().filter(imputed).collect()
+}
+
+/// A unit with what is measured in it, where the symbol alone would say nothing.
+pub fn unit(unit: Unit) -> &'static str {
+    if unit == Unit::One { "words" } else { unit.symbol() }
+}
+
+/// The errors of all ages.
+pub fn all_ages(errors: &UnitErrors) -> AgeErrors {
+    let mut all = AgeErrors::default();
+    errors.ages.iter().for_each(|age| all.add(age));
+    all
+}
+
+/// A number with this many decimals, never a negative zero; `-` for what is none.
+pub fn number(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.trim_start_matches(['-', '0', '.']) {
+        _ if !value.is_finite() => "-".to_owned(),
+        "" => text.trim_start_matches('-').to_owned(),
+        _ => text,
+    }
+}
+
+/// A number with its sign.
+pub fn signed(value: f64, decimals: usize) -> String {
+    let text = number(value, decimals);
+    let above = value > 0.0 && text.contains(|digit| ('1'..='9').contains(&digit));
+    if above { format!("+{text}") } else { text }
+}
+
+/// `-26.3 +- 1.2`: an estimate and half the width of its interval.
+pub fn plus_minus(interval: &Interval, decimals: usize) -> String {
+    let half = (interval.high - interval.low) / 2.0;
+    format!("{} +- {}", number(interval.value, decimals), number(half, decimals))
+}
+
+/// `[-27.5, -25.1]`.
+pub fn ends(interval: &Interval, decimals: usize) -> String {
+    format!("[{}, {}]", number(interval.low, decimals), number(interval.high, decimals))
+}
+
+/// A share as a percentage.
+pub fn percent(share: f64, decimals: usize) -> String {
+    format!("{} %", number(100.0 * share, decimals))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_as_they_are_read() {
+        assert_eq!([number(-0.04, 1), number(-26.35, 1), number(0.0, 2)], ["0.0", "-26.4", "0.00"]);
+        assert_eq!([signed(0.04, 1), signed(-0.04, 1), signed(9.3, 1)], ["0.0", "0.0", "+9.3"]);
+        assert_eq!([number(f64::NAN, 1), signed(f64::INFINITY, 1), percent(f64::NAN, 0)], ["-", "-", "- %"]);
+        let interval = Interval { value: -26.3, low: -27.5, high: -25.1 };
+        assert_eq!(plus_minus(&interval, 1), "-26.3 +- 1.2");
+        assert_eq!(ends(&interval, 1), "[-27.5, -25.1]");
+    }
+}
