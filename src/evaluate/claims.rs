@@ -149,7 +149,13 @@ mod tests {
             imputers: vec![imputer("maro", maro), imputer("value-aware", value_aware)],
         });
         let settings = Settings::default();
-        Summary { settings, contenders: Vec::new(), groups: groups.into(), aggregates: Vec::new() }
+        Summary {
+            settings,
+            contenders: Vec::new(),
+            groups: groups.into(),
+            aggregates: Vec::new(),
+            claims: Vec::new(),
+        }
     }
 
     #[test]

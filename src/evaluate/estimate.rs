@@ -2,6 +2,7 @@
 
 use super::aggregate::aggregates;
 use super::bootstrap::{Bootstrap, Stratum};
+use super::claims::{Claims, Scope};
 use super::curve::{lowest_p, mean_height};
 use super::evaluation::{Condition, Evaluation, UnitErrors};
 use super::grouping::{Alike, distinct, groups};
@@ -17,12 +18,15 @@ impl Summary {
         let episodes = Stratum::episodes(settings.episodes as usize);
         let study = |group| Study::new(group, baseline, settings.seed, episodes, threads);
         let studies: Vec<Study> = groups(evaluation).into_iter().map(study).collect();
-        Summary {
+        let mut summary = Summary {
             settings: settings.clone(),
             contenders: contenders.clone(),
             groups: studies.iter().map(Study::summary).collect(),
             aggregates: aggregates(&studies, settings.seed, threads),
-        }
+            claims: Vec::new(),
+        };
+        summary.claims = Claims::of(&summary, &Scope::default());
+        summary
     }
 }
 

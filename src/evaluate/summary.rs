@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::claims::Claims;
 use super::evaluation::{Condition, Contender, Settings, UnitErrors};
 
 /// The statistics of an [`Evaluation`](super::Evaluation). `docs/metrics.md` defines each.
@@ -15,6 +16,8 @@ pub struct Summary {
     pub groups: Vec<Group>,
     /// Over tasks, one per algorithm, condition and imputer that was played in at least two tasks.
     pub aggregates: Vec<Aggregate>,
+    /// What the paper's headline says of its imputer, one per label that was played in all its cells.
+    pub claims: Vec<Claims>,
 }
 
 /// Policies of one task that were trained alike: seeds of one method.

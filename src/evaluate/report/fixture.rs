@@ -65,6 +65,7 @@ pub fn played(
         contenders: evaluation.contenders.clone(),
         aggregates: aggregates(&groups, conditions, imputers),
         groups,
+        claims: Vec::new(),
     };
     (evaluation, summary)
 }

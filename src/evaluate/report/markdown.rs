@@ -1,7 +1,7 @@
 //! `table.md`: the tables of a paper.
 
 use super::words;
-use crate::evaluate::{CellSummary, Summary};
+use crate::evaluate::{CellSummary, Claims, Summary};
 
 /// Two tables, a row per group and imputer and a column per condition: mean return and standard deviation over
 /// policies, as in the paper's Table II; then mean return, its 95 % interval and the score.
@@ -25,6 +25,25 @@ pub fn tables(summary: &Summary) -> String {
         summary.settings.episodes,
         table(summary, deviation),
         table(summary, interval)
+    ) + &summary.claims.iter().map(claims).collect::<String>()
+}
+
+/// Cell by cell and in the mean.
+fn claims(claims: &Claims) -> String {
+    let line = |what: [String; 2], improvement, std_reduction| {
+        row(&[what, words::improvement(improvement, std_reduction)].concat())
+    };
+    let head = ["task", "p", "mean return better by", "standard deviation smaller by"].map(str::to_owned);
+    let cells = claims
+        .cells
+        .iter()
+        .map(|cell| line([cell.task.clone(), cell.p.to_string()], cell.improvement, cell.std_reduction));
+    let mean = line(["mean".to_owned(), String::new()], claims.improvement, claims.std_reduction);
+    format!(
+        "\n{}:\n\n{}|---|---|---|---|\n{}{mean}",
+        words::claim(claims),
+        row(&head),
+        cells.collect::<String>()
     )
 }
 

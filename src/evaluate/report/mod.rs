@@ -81,6 +81,7 @@ pub fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluate::{Claim, Claims};
 
     #[test]
     fn all_files_are_written_whole() {
@@ -103,6 +104,43 @@ mod tests {
                 serde_json::from_str::<serde_json::Value>(&text).unwrap();
             }
         }
+    }
+
+    #[test]
+    fn claims_are_in_all_that_people_read() {
+        let (_, mut summary) = fixture::two_tasks();
+        let readings = |summary: &Summary| {
+            let page = page::page(summary, &fixture::provenance());
+            [page, markdown::tables(summary), text(summary)]
+        };
+        assert!(readings(&summary).iter().all(|text| !text.contains("smaller by")));
+        let claim = |p: f64, improvement: f64| Claim {
+            task: "hear-see".to_owned(),
+            p,
+            improvement,
+            std_reduction: Some(0.5),
+        };
+        summary.claims = vec![Claims {
+            label: "mappo".to_owned(),
+            imputer: "value-aware".to_owned(),
+            baseline: "maro".to_owned(),
+            improvement: 0.2022,
+            std_reduction: None,
+            cells: vec![claim(0.0, 0.3), claim(0.2, 0.1044)],
+        }];
+        for text in readings(&summary) {
+            let expected = "mappo, value-aware against maro over hear-see at p = 0 and 0.2: mean return better by 20.2 %";
+            assert!(text.contains(expected), "{text}");
+        }
+        let [page, table, _] = readings(&summary);
+        assert!(
+            page.contains("<th scope=\"row\">hear-see, p = 0.2</th>\n<td>10.4 %</td>\n<td>50.0 %</td>"),
+            "{page}"
+        );
+        assert!(
+            table.ends_with("| hear-see | 0.2 | 10.4 % | 50.0 % |\n| mean |  | 20.2 % | - |\n"),
+            "{table}"
+        );
     }
 
     #[test]

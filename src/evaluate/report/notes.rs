@@ -19,7 +19,9 @@ pub const STATISTICS: &[(&str, &str)] = &[
     ),
     (
         "95 % interval",
-        "In brackets, and the bands of figures. They are of the whole group, not of one policy.",
+        "In brackets, and the bands of figures: a bootstrap over episodes, the same resampled ones for all cells. It says \
+         how sure we are about these policies, had other episodes been played, and nothing about policies from other \
+         training runs; for that there is std.",
     ),
     (
         "std",

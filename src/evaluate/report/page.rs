@@ -3,7 +3,7 @@
 use super::html::{Cell, Html, Table};
 use super::{Provenance, group, notes, words};
 use crate::evaluate::grouping::distinct;
-use crate::evaluate::{Aggregate, Condition, Settings, Summary};
+use crate::evaluate::{Aggregate, Claims, Condition, Settings, Summary};
 use crate::plot::escape;
 
 /// The page.
@@ -24,6 +24,10 @@ pub fn page(summary: &Summary, provenance: &Provenance) -> String {
     if !summary.aggregates.is_empty() {
         section(&mut html, "aggregates", "Over tasks");
         aggregates(&mut html, summary);
+    }
+    if !summary.claims.is_empty() {
+        section(&mut html, "claims", "The paper's claims");
+        summary.claims.iter().for_each(|claims| html.table(&claimed(claims)));
     }
     section(&mut html, "policies", "Policies");
     policies(&mut html, summary);
@@ -67,7 +71,9 @@ fn introduction(html: &mut Html, summary: &Summary, provenance: &Provenance) {
     let groups = groups.map(|(index, group)| (format!("group-{index}"), words::group(group)));
     let over_tasks = (!summary.aggregates.is_empty()).then_some(("aggregates", "Over tasks"));
     let rest = [("policies", "Policies"), ("notes", "What the numbers mean"), ("made", "How it was made")];
-    let rest = over_tasks.into_iter().chain(rest).map(|(id, text)| (id.to_owned(), text.to_owned()));
+    let claims = (!summary.claims.is_empty()).then_some(("claims", "The paper's claims"));
+    let rest =
+        over_tasks.into_iter().chain(claims).chain(rest).map(|(id, text)| (id.to_owned(), text.to_owned()));
     for (id, text) in groups.chain(rest) {
         html.raw(&format!("<li><a href=\"#{id}\">{}</a></li>", escape(&text)));
     }
@@ -109,6 +115,22 @@ fn over_tasks(label: &str, aggregates: &[&Aggregate]) -> Table {
         ),
         columns: columns.chain(conditions.iter().map(|condition| words::condition(*condition))).collect(),
         rows: imputers.iter().map(row).collect(),
+    }
+}
+
+/// Cell by cell and in the mean.
+fn claimed(claims: &Claims) -> Table {
+    let row = |heading: String, improvement, std_reduction| {
+        (heading, words::improvement(improvement, std_reduction).map(Cell::of).to_vec())
+    };
+    let cells = claims.cells.iter();
+    let cells =
+        cells.map(|cell| row(format!("{}, p = {}", cell.task, cell.p), cell.improvement, cell.std_reduction));
+    let mean = row("mean".to_owned(), claims.improvement, claims.std_reduction);
+    Table {
+        caption: words::claim(claims),
+        columns: ["cell", "mean return better by", "std smaller by"].map(str::to_owned).to_vec(),
+        rows: cells.chain([mean]).collect(),
     }
 }
 

@@ -4,7 +4,7 @@ use super::words;
 use crate::evaluate::{CellSummary, Condition, Group, ImputerSummary, Summary};
 use crate::table::table;
 
-/// Tables of every group: return and score under each condition, and what a curve comes to.
+/// Tables of every group: return and score under each condition, and what a curve comes to; then the claims.
 pub fn text(summary: &Summary) -> String {
     let groups = summary.groups.iter().map(|group| {
         let heading = format!(
@@ -17,7 +17,8 @@ pub fn text(summary: &Summary) -> String {
         );
         heading + &outcomes(group) + &overall(group)
     });
-    groups.collect::<Vec<_>>().join("\n")
+    let claims = summary.claims.iter().map(|claims| words::claim(claims) + "\n");
+    groups.chain(claims).collect::<Vec<_>>().join("\n")
 }
 
 /// Return and score, an imputer in each row and a condition in each column, in as many tables as it takes.

@@ -1,7 +1,7 @@
 //! How numbers and conditions are written, in whatever file.
 
 use crate::evaluate::grouping::distinct;
-use crate::evaluate::{AgeErrors, Condition, Group, ImputerSummary, Interval, Summary, UnitErrors};
+use crate::evaluate::{AgeErrors, Claims, Condition, Group, ImputerSummary, Interval, Summary, UnitErrors};
 use crate::world::Unit;
 
 /// `p = 0.2`, or the name of the mode.
@@ -33,6 +33,27 @@ pub fn seeds(summary: &Summary, group: &Group) -> String {
 /// `1 policy`, `3 policies`.
 pub fn policies(n: usize) -> String {
     format!("{n} polic{}", if n == 1 { "y" } else { "ies" })
+}
+
+/// By how much the return is better and the spread over seeds smaller, in percent.
+pub fn improvement(improvement: f64, std_reduction: Option<f64>) -> [String; 2] {
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    [percent(improvement), std_reduction.map_or("-".to_owned(), percent)]
+}
+
+/// What a claim is about, and what it comes to.
+pub fn claim(claims: &Claims) -> String {
+    let [better, smaller] = improvement(claims.improvement, claims.std_reduction);
+    let tasks = distinct(claims.cells.iter().map(|cell| &cell.task[..])).join(", ");
+    let levels = distinct(claims.cells.iter().map(|cell| cell.p)).into_iter().map(|p| p.to_string());
+    format!(
+        "{}, {} against {} over {tasks} at p = {}: mean return better by {better}, standard deviation over seeds \
+         smaller by {smaller}",
+        claims.label,
+        claims.imputer,
+        claims.baseline,
+        levels.collect::<Vec<_>>().join(" and ")
+    )
 }
 
 /// What the summary knows of an imputer of a group.
