@@ -11,7 +11,8 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 /// A sweep of a second or less.
-const SMALL: &str = "evaluate builtin --task hear-see --episodes 30 --levels 1,0.3 --modes dynamic";
+const SMALL: &str =
+    "evaluate builtin --task hear-see --episodes 30 --levels 1,0.3 --modes uniform,asymmetric,dynamic";
 
 fn json(words: &str) -> Value {
     serde_json::from_str(&succeed(words)).unwrap()
@@ -19,7 +20,7 @@ fn json(words: &str) -> Value {
 
 /// What was found, without who made it, when and how.
 fn findings(results: &Value) -> Value {
-    let parts = ["format", "version", "settings", "contenders", "groups", "aggregates"];
+    let parts = ["format", "version", "settings", "contenders", "groups", "aggregates", "claims"];
     parts.iter().map(|part| (part.to_string(), results[part].clone())).collect()
 }
 
@@ -33,7 +34,7 @@ fn the_same_numbers_wherever_agents_run() {
     let imputers = processes["groups"][0]["imputers"].as_array().unwrap();
     let names: Vec<&str> = imputers.iter().map(|imputer| imputer["imputer"].as_str().unwrap()).collect();
     assert_eq!(names, ["value-aware", "maro", "hold", "velocity", "zero"]);
-    assert!(imputers.iter().all(|imputer| imputer["cells"].as_array().unwrap().len() == 3));
+    assert!(imputers.iter().all(|imputer| imputer["cells"].as_array().unwrap().len() == 5));
     for words in
         ["--in-process --threads 1", "--in-process --worlds 7", "--worlds 30", "--wait spin --worlds 11"]
     {
@@ -100,11 +101,15 @@ fn a_report_is_complete_and_an_interrupted_sweep_goes_on() {
     assert!(stops > 1, "the sweep was stopped {stops} times");
     assert_eq!(results(&parts), results(&whole));
 
-    // Another level on top of what is there; nothing is played twice.
+    // Narrower or wider, nothing is played twice, and figures that say nothing any more go.
     let lines = cells();
-    succeed(&format!("{sweep} {} --imputers hold", parts.display()));
+    succeed(&format!("{sweep} {} --imputers maro", parts.display()));
     assert_eq!(cells(), lines);
     assert_eq!(results(&parts)["groups"][0]["imputers"].as_array().unwrap().len(), 1);
+    assert!(!parts.join("difference.svg").exists() && parts.join("robustness.svg").exists());
+    let wider = sweep.replace("--levels 1,0.3", "--levels 1,0.3,0");
+    succeed(&format!("{wider} {} --imputers maro,hold", parts.display()));
+    assert_eq!(cells(), lines + 2);
 
     // With other settings these are no cells of the sweep.
     let kept = fs::read(parts.join("cells.jsonl")).unwrap();
@@ -153,6 +158,14 @@ fn requirements_decide_the_exit_code() {
     never("p=0.2 score>=0.9", "p=0.2 is not played");
     never("p=0.3 imputer=lambda0 score>=0.9", "not played with lambda0");
     never("p=0.3 luck>=0.9", "is no requirement");
+    let few = "evaluate builtin --task hear-see --episodes 9 --require";
+    let output = command(few).arg("p=0.2 score>=0.1").output().unwrap();
+    assert_eq!((output.status.code(), stderr(&output).contains("at least 20")), (Some(2), true));
+    // What a swarm uses by itself is not played, so nobody can say how it does.
+    let output =
+        command(SMALL).args(["--imputers", "hold", "--require", "p=0.3 score>=0.1"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("not played with value-aware"), "{}", stderr(&output));
 }
 
 #[test]

@@ -10,13 +10,11 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::train::threads;
 use super::{policy_source, print, tell};
-use crate::agents::{ImputerName, PREFERRED, PolicySource};
+use crate::agents::{ImputerName, PolicySource};
 use crate::bus::Wait;
 use crate::error::{Error, Result};
 use crate::evaluate::report::{self, Provenance};
-use crate::evaluate::{
-    Condition, Entrant, Group, Place, Record, Requirement, Settings, Summary, Sweep, Verdict,
-};
+use crate::evaluate::{Condition, Entrant, Place, Record, Requirement, Settings, Summary, Sweep, Verdict};
 use crate::machine;
 use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
@@ -61,7 +59,7 @@ pub struct Evaluate {
     baseline: Option<String>,
 
     /// Episodes of every cell, a cell being a policy at a level with an imputer [default: 1000]
-    #[arg(long, value_name = "E", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    #[arg(long, value_name = "E", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     episodes: Option<u64>,
 
     /// Take the most probable action instead of sampling
@@ -85,8 +83,8 @@ pub struct Evaluate {
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
 
-    /// Exit with code 3 unless the 95 % interval reaches this, such as 'p=0.2 score>=0.9' or
-    /// 'dynamic imputer=maro return>=-40'; may be given several times
+    /// Exit with code 3 unless the low end of the 95 % interval of score, return or iqm reaches this, such as
+    /// 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'; may be given several times
     #[arg(long, value_name = "REQUIREMENT")]
     require: Vec<Requirement>,
 
@@ -118,60 +116,56 @@ enum Protocol {
     Paper,
 }
 
+/// With fewer episodes a bootstrap is too sure of itself; see `docs/metrics.md`.
+const FEWEST_EPISODES: u64 = 20;
+
 const AFTER_HELP: &str = "\
 Examples:
   vamaro-swarm evaluate runs/hs-0
   vamaro-swarm evaluate runs/hs-*/policy.safetensors --report report/
-  vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic --in-process
-  vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'      exits 3 if it falls short
+  vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic
+  vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'    exits 3 if not
 
-All cells start from the same initial states, with the same draws of actions and links, so that
-imputers are compared on equal terms. docs/metrics.md defines every number.";
+All cells start from the same initial states, with the same draws of actions
+and links: imputers are compared on equal terms. docs/metrics.md defines the
+numbers.";
 
 impl Evaluate {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         signals::install()?;
         let sweep = self.sweep()?;
-        let baseline = self.baseline(&sweep)?;
-        self.check_requirements(&sweep)?;
+        let baselines = self.baselines(&sweep)?;
+        let requirements = self.requirements(&sweep)?;
         let mut record = match &self.report {
             Some(folder) => Some(Record::open(folder, &sweep.settings)?),
             None => None,
         };
-        let evaluation = {
-            let progress = Progress::new();
-            let played = sweep.run(record.as_mut(), |done, of| progress.note(done, of));
-            progress.finish();
-            played.map_err(|error| self.where_it_stands(error))?
-        };
-        let summary = Summary::of(&evaluation, &baseline, threads(self.threads));
+        let summary = self.evaluate(&sweep, &baselines, record.as_mut());
+        let summary = summary.map_err(|error| self.where_it_stands(error))?;
+        check(&requirements, &summary)
+    }
+
+    /// Plays, and says what came of it.
+    fn evaluate(&self, sweep: &Sweep, baselines: &[&str], record: Option<&mut Record>) -> Result<Summary> {
+        let progress = Progress::new();
+        let played = sweep.run(record, |done, of| progress.note(done, of));
+        progress.finish();
+        let evaluation = played?;
+        let summary = Summary::of(&evaluation, baselines, threads(self.threads))?;
         let provenance = provenance();
         if let Some(folder) = &self.report {
             report::write(folder, &evaluation, &summary, &provenance)?;
         }
-        match (self.json, &self.report) {
-            (true, _) => print(&report::results(&summary, &provenance))?,
-            (false, None) => print(&report::text(&summary))?,
-            (false, Some(folder)) => {
-                let page = folder.join("report.html");
-                print(&format!(
-                    "{}\nwrote {}, and the same for programs\n",
-                    report::text(&summary),
-                    page.display()
-                ))?;
-            }
+        if self.json {
+            print(&report::results(&summary, &provenance))?;
+        } else {
+            print(&report::text(&summary))?;
         }
-        self.check(&summary)
-    }
-
-    /// Says what came of the requirements.
-    fn check(&self, summary: &Summary) -> Result<()> {
-        let verdicts = self.require.iter().flat_map(|requirement| requirement.check(summary, preferred));
-        let (met, unmet): (Vec<_>, Vec<_>) = verdicts.partition(Verdict::is_met);
-        met.iter().for_each(|verdict| tell(&verdict.to_string()));
-        let words: Vec<String> = unmet.iter().map(Verdict::to_string).collect();
-        if words.is_empty() { Ok(()) } else { Err(Error::Unmet(words.join("\n       "))) }
+        if let Some(folder) = &self.report {
+            tell(&format!("wrote {}, and the same for programs", folder.join("report.html").display()));
+        }
+        Ok(summary)
     }
 
     /// What there is to play.
@@ -215,7 +209,8 @@ impl Evaluate {
         let modes = self.modes.iter().map(|mode| ("--modes", mode, false));
         let mut conditions: Vec<Condition> = Vec::new();
         for (option, text, is_level) in levels.chain(modes) {
-            let condition = text.parse().ok().filter(|found: &Condition| found.level().is_some() == is_level);
+            let condition =
+                text.trim().parse().ok().filter(|found: &Condition| found.level().is_some() == is_level);
             let condition = condition.ok_or_else(|| match is_level {
                 true => usage!("{option}: {text:?} is no probability between 0 and 1"),
                 false => usage!("{option}: {text:?} is none of uniform, asymmetric and dynamic"),
@@ -256,7 +251,7 @@ impl Evaluate {
         }
         let mut imputers = Vec::new();
         for name in &self.imputers {
-            let imputer = ImputerName::choose(Some(name), policy)?;
+            let imputer = ImputerName::choose(Some(name.trim()), policy)?;
             if imputers.contains(&imputer) {
                 return Err(usage!("--imputers: {name} is there twice"));
             }
@@ -265,40 +260,50 @@ impl Evaluate {
         Ok(imputers)
     }
 
-    /// The imputer that others are compared with.
-    fn baseline(&self, sweep: &Sweep) -> Result<String> {
-        const DEFAULT: &str = "maro";
-        let played = |name: &str| {
-            let mut imputers = sweep.entrants.iter().flat_map(|entrant| &entrant.imputers);
-            imputers.any(|imputer| imputer.to_string() == name)
-        };
-        match &self.baseline {
-            None if played(DEFAULT) => Ok(DEFAULT.to_owned()),
-            None => Ok(ImputerName::Hold.to_string()),
-            Some(name) if played(name) => Ok(name.clone()),
-            Some(name) => {
-                Err(usage!("--baseline {name}: no policy is played with this imputer; see --imputers"))
-            }
+    /// The imputers that others are compared with: each group with the first that it is played with.
+    fn baselines(&self, sweep: &Sweep) -> Result<Vec<&str>> {
+        let Some(name) = self.baseline.as_deref() else { return Ok(vec!["maro", "hold"]) };
+        let played = |entrant: &Entrant| entrant.plays(name);
+        match sweep.entrants.iter().any(played) {
+            true => Ok(vec![name]),
+            false => Err(usage!("--baseline {name}: no policy is played with this imputer; see --imputers")),
         }
     }
 
-    /// An error for a requirement that nothing of what is played can meet.
-    fn check_requirements(&self, sweep: &Sweep) -> Result<()> {
-        for requirement in &self.require {
+    /// The requirements, each with its imputer. An error for one that nothing of what is played can meet.
+    fn requirements(&self, sweep: &Sweep) -> Result<Vec<Requirement>> {
+        let with_imputer = |requirement: &Requirement| {
+            let wrong = |why: String| usage!("--require '{requirement}': {why}");
             if !sweep.conditions.contains(&requirement.condition) {
-                return Err(usage!("--require '{requirement}': {} is not played", requirement.condition));
+                return Err(wrong(format!("{} is not played", requirement.condition)));
             }
             if requirement.needs_lossless() && !sweep.conditions.contains(&Condition::Level(1.0)) {
-                return Err(usage!("--require '{requirement}': a score needs p = 1, add it to --levels"));
+                return Err(wrong("a score needs p = 1, add it to --levels".to_owned()));
             }
-            let Some(name) = &requirement.imputer else { continue };
-            let has = |entrant: &Entrant| entrant.imputers.iter().any(|imputer| imputer.to_string() == *name);
-            if let Some(entrant) = sweep.entrants.iter().find(|entrant| !has(entrant)) {
-                let policy = &entrant.contender.name;
-                return Err(usage!("--require '{requirement}': {policy} is not played with {name}"));
+            if sweep.settings.episodes < FEWEST_EPISODES {
+                let why = "intervals of so few episodes are too narrow to rely on, play at least";
+                return Err(wrong(format!("{why} {FEWEST_EPISODES}")));
             }
-        }
-        Ok(())
+            let by_itself = |entrant: &Entrant| ImputerName::choose(None, &entrant.policy);
+            let mut names = Vec::new();
+            for entrant in &sweep.entrants {
+                let name = match &requirement.imputer {
+                    Some(name) => name.clone(),
+                    None => by_itself(entrant)?.to_string(),
+                };
+                if !entrant.plays(&name) {
+                    let policy = &entrant.contender.name;
+                    return Err(wrong(format!("{policy} is not played with {name}; see --imputers")));
+                }
+                names.push(name);
+            }
+            if names.iter().any(|name| *name != names[0]) {
+                let why = "by themselves these policies use different imputers; name one, as in 'p=0.2 imputer=hold ..'";
+                return Err(wrong(why.to_owned()));
+            }
+            Ok(Requirement { imputer: names.into_iter().next(), ..requirement.clone() })
+        };
+        self.require.iter().map(with_imputer).collect()
     }
 
     /// Says what is kept of a sweep that did not come to its end.
@@ -311,9 +316,21 @@ impl Evaluate {
             (Error::Interrupted(words), None) => {
                 Error::Interrupted(format!("{words}; with --report DIR finished cells would be kept"))
             }
+            (Error::Failed(words), Some(folder)) => {
+                Error::Failed(format!("{words}; finished cells are kept in {}", folder.display()))
+            }
             (error, _) => error,
         }
     }
+}
+
+/// Says what came of the requirements.
+fn check(requirements: &[Requirement], summary: &Summary) -> Result<()> {
+    let verdicts = requirements.iter().flat_map(|requirement| requirement.check(summary));
+    let (met, unmet): (Vec<_>, Vec<_>) = verdicts.partition(Verdict::is_met);
+    met.iter().for_each(|verdict| tell(&verdict.to_string()));
+    let words: Vec<String> = unmet.iter().map(Verdict::to_string).collect();
+    if words.is_empty() { Ok(()) } else { Err(Error::Unmet(words.join("\n       "))) }
 }
 
 /// What an evaluation is made with.
@@ -334,12 +351,6 @@ fn quoted(word: &str) -> String {
         true => word.to_owned(),
         false => format!("'{}'", word.replace('\'', "'\\''")),
     }
-}
-
-/// The imputer that a swarm of this group would use by itself.
-fn preferred(group: &Group) -> Option<String> {
-    let mut names = group.imputers.iter().map(|imputer| &imputer.imputer);
-    names.clone().find(|name| *name == PREFERRED).or_else(|| names.next()).cloned()
 }
 
 /// Tells how far a sweep is: a bar on a terminal, and else a line now and then.

@@ -177,7 +177,11 @@ fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
     Err(match path.join("agent.th").exists() {
         true => usage!("{name} holds a policy of the paper's code; run `vamaro-swarm import {name}` first"),
         false => {
-            usage!("there is no policy {}; give a file, a folder, `builtin` or `untrained`", file.display())
+            usage!(
+                "there is no policy {}; give a file, a folder, `builtin`, `untrained`, or one of agents/pretrained by \
+                 its name, such as hear-see/seed-1, in a checkout",
+                file.display()
+            )
         }
     })
 }

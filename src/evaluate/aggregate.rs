@@ -6,15 +6,17 @@ use super::evaluation::Condition;
 use super::grouping::distinct;
 use super::summary::Aggregate;
 use super::weighted::{Ordered, weighted_mean};
+use crate::error::Result;
+use crate::stats::mean;
 
 /// One per label, condition and imputer with scores in at least two tasks.
-pub(super) fn aggregates(studies: &[Study], seed: u64, threads: usize) -> Vec<Aggregate> {
+pub(super) fn aggregates(studies: &[Study], seed: u64, threads: usize) -> Result<Vec<Aggregate>> {
     let tasks = distinct(studies.iter().map(|study| study.group.task));
     let kinds = distinct(studies.iter().flat_map(|study| {
         study.group.cells.iter().map(|cell| (&study.group.label[..], cell.condition, cell.imputer))
     }));
     let aggregate = |kind: &(&str, Condition, &str)| aggregate(studies, &tasks, *kind, seed, threads);
-    kinds.iter().filter_map(aggregate).collect()
+    kinds.iter().filter_map(|kind| aggregate(kind).transpose()).collect()
 }
 
 fn aggregate(
@@ -23,7 +25,7 @@ fn aggregate(
     (label, condition, imputer): (&str, Condition, &str),
     seed: u64,
     threads: usize,
-) -> Option<Aggregate> {
+) -> Result<Option<Aggregate>> {
     let (mut played, mut strata, mut scores) = (Vec::new(), Vec::new(), Vec::new());
     for study in studies.iter().filter(|study| study.group.label == label) {
         let cell = study.group.find(imputer, condition);
@@ -34,12 +36,21 @@ fn aggregate(
         scores.extend(runs);
     }
     if played.len() < 2 {
-        return None;
+        return Ok(None);
     }
     let ordered = Ordered::new(scores.iter().copied().enumerate());
-    let look = |counts: &[f64]| (weighted_mean(&scores, counts), ordered.iqm(counts));
-    let bootstrap = Bootstrap::new(seed, &strata, threads, look);
-    Some(Aggregate {
+    let mean_of_tasks = |counts: &[f64]| {
+        let mut first = 0;
+        let means = strata.iter().map(|stratum| {
+            let runs = first..first + stratum.len;
+            first = runs.end;
+            weighted_mean(&scores[runs.clone()], &counts[runs])
+        });
+        mean(&means.collect::<Vec<_>>())
+    };
+    let look = |counts: &[f64]| (mean_of_tasks(counts), ordered.iqm(counts));
+    let bootstrap = Bootstrap::new(seed, &strata, threads, look)?;
+    Ok(Some(Aggregate {
         label: label.to_owned(),
         condition,
         imputer: imputer.to_owned(),
@@ -47,5 +58,5 @@ fn aggregate(
         runs: scores.len(),
         mean: bootstrap.interval(|(mean, _)| *mean),
         iqm: bootstrap.interval(|(_, iqm)| *iqm),
-    })
+    }))
 }

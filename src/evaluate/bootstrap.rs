@@ -1,8 +1,10 @@
 //! Bootstrap: how far an estimate would have been off with other episodes.
 
 use super::summary::Interval;
+use crate::error::Result;
 use crate::rng::{Draws, Purpose};
 use crate::stats::quantile;
+use crate::supervisor::signals;
 use crate::threads::side_by_side;
 
 /// Resamples behind every interval.
@@ -47,20 +49,27 @@ impl Stratum {
 impl<S: Send> Bootstrap<S> {
     /// Has `look` reduce the sample and every resample to what matters of it. It is told how often each unit
     /// counts, stratum by stratum: once in the sample.
+    ///
+    /// # Errors
+    /// `Interrupted` if the program was asked to stop.
     pub fn new(
         seed: u64,
         strata: &[Stratum],
         threads: usize,
         look: impl Fn(&[f64]) -> S + Sync,
-    ) -> Bootstrap<S> {
+    ) -> Result<Bootstrap<S>> {
         let units = strata.iter().map(|stratum| stratum.len).sum();
         let mut resamples: Vec<Option<S>> = (0..RESAMPLES).map(|_| None).collect();
         side_by_side(threads, resamples.iter_mut().enumerate(), |(resample, seen)| {
+            if signals::check_stop().is_err() {
+                return;
+            }
             let counts: Vec<f64> = strata.iter().flat_map(|stratum| stratum.counts(seed, resample)).collect();
             *seen = Some(look(&counts));
         });
+        signals::check_stop()?;
         let resamples = resamples.into_iter().map(|seen| seen.expect("every resample was looked at"));
-        Bootstrap { estimate: look(&vec![1.0; units]), resamples: resamples.collect() }
+        Ok(Bootstrap { estimate: look(&vec![1.0; units]), resamples: resamples.collect() })
     }
 
     /// A statistic with its 95 % percentile interval.
@@ -84,7 +93,7 @@ mod tests {
     #[test]
     fn a_resample_is_as_large_as_the_sample_stratum_by_stratum() {
         let strata = [Stratum::episodes(5), Stratum::runs(0, 3)];
-        let bootstrap = Bootstrap::new(7, &strata, 1, <[f64]>::to_vec);
+        let bootstrap = Bootstrap::new(7, &strata, 1, <[f64]>::to_vec).unwrap();
         assert_eq!(bootstrap.estimate, [1.0; 8]);
         assert_eq!(bootstrap.resamples.len(), RESAMPLES);
         let mut totals = [0.0; 8];
@@ -100,14 +109,14 @@ mod tests {
     #[test]
     fn resamples_do_not_depend_on_threads() {
         let resamples =
-            |threads| Bootstrap::new(3, &[Stratum::episodes(9)], threads, <[f64]>::to_vec).resamples;
+            |threads| Bootstrap::new(3, &[Stratum::episodes(9)], threads, <[f64]>::to_vec).unwrap().resamples;
         assert_eq!(resamples(1), resamples(4));
     }
 
     #[test]
     fn an_interval_of_one_of_two_values() {
         // Of two episodes, 0 and 1, a resample has mean 0, 1/2 or 1 with probability 1/4, 1/2, 1/4.
-        let bootstrap = Bootstrap::new(1, &[Stratum::episodes(2)], 1, |counts| counts[1] / 2.0);
+        let bootstrap = Bootstrap::new(1, &[Stratum::episodes(2)], 1, |counts| counts[1] / 2.0).unwrap();
         assert_eq!(bootstrap.interval(|mean| *mean), Interval { value: 0.5, low: 0.0, high: 1.0 });
         assert_eq!(bootstrap.interval_if(|mean| (*mean > 0.0).then_some(1.0)), None);
         assert_eq!(bootstrap.interval_if(|_| None), None);

@@ -76,6 +76,11 @@ impl Claims {
             let group = summary.groups.iter().find(|group| group.label == label && group.task == task)?;
             let own = cell(group, &scope.imputer, p)?;
             let others = cell(group, &scope.baseline, p)?;
+            // Means of other policies are no comparison.
+            let all = |cell: &CellSummary| cell.seed_means.len() == group.contenders.len();
+            if !all(own) || !all(others) {
+                return None;
+            }
             let reduction = |(own, others): (f64, f64)| (others > 0.0).then(|| 1.0 - own / others);
             Some(Claim {
                 task: task.to_owned(),
@@ -125,7 +130,7 @@ mod tests {
     fn summary() -> Summary {
         let cell = |p: f64, (value, std): (f64, f64)| CellSummary {
             condition: Condition::Level(p),
-            seed_means: Vec::new(),
+            seed_means: vec![value; 3],
             seed_std: Some(std),
             mean: Interval { value, ..Interval::default() },
             iqm: Interval::default(),

@@ -15,7 +15,7 @@ const WITHIN_95: f64 = 1.959_963_984_540_054;
 const SMALLEST_SIGMA: f64 = 1e-6;
 
 /// The oldest value there is: received when the episode starts, and never again.
-const OLDEST: usize = EPISODE_STEPS;
+const OLDEST: usize = EPISODE_STEPS - 1;
 
 /// Compares the estimates of a team with the truth while it plays.
 ///
@@ -24,8 +24,8 @@ const OLDEST: usize = EPISODE_STEPS;
 pub(super) struct ErrorLedger {
     task: Task,
     layout: JointLayout,
-    /// Steps since receiver i received sender j, `[agents, worlds, agents]`.
-    ages: Vec<usize>,
+    /// Steps since receiver i received sender j, `[agents, worlds, agents]`; `None` before it ever did.
+    ages: Vec<Option<usize>>,
     expectation: Option<Expectation>,
     /// Of the episodes under way, `[worlds]`.
     open: Vec<Errors>,
@@ -71,7 +71,7 @@ impl ErrorLedger {
     /// An episode starts in each of `worlds` worlds.
     pub(super) fn begin_episodes(&mut self, worlds: usize) {
         let rows = self.layout.agents * worlds;
-        restart(&mut self.ages, rows * self.layout.agents, 0);
+        restart(&mut self.ages, rows * self.layout.agents, None);
         restart(&mut self.open, worlds, Errors::default());
         if let Some(expectation) = &mut self.expectation {
             expectation.state.start(&expectation.predictor, rows);
@@ -87,7 +87,7 @@ impl ErrorLedger {
             let ages = &mut self.ages[row * agents..(row + 1) * agents];
             for (sender, age) in ages.iter_mut().enumerate() {
                 let received = decisions.used[row] >> sender & 1 == 1;
-                *age = if received { 0 } else { *age + 1 };
+                *age = if received { Some(0) } else { age.map(|age| age + 1) };
             }
             self.compare(tick, decisions, row);
         }
@@ -103,16 +103,18 @@ impl ErrorLedger {
         let joint = layout.joint();
         let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
         for (sender, age) in ages[row * layout.agents..].iter().take(layout.agents).enumerate() {
-            let Some(age) = age.checked_sub(1) else { continue };
+            let Some(age) = age.and_then(|age| age.checked_sub(1)) else { continue };
             let truth = tick.observation(task, sender, row % tick.worlds);
             for (dim, Observed { unit, .. }) in task.observed(sender).iter().enumerate() {
                 let at = sender * layout.unique + dim;
                 let error = f64::from(estimate[at]) - f64::from(truth[dim]);
                 let squared = error * error;
-                let calibration = expectation.as_ref().map(|expectation| {
+                let states = |expectation: &&Expectation| !expectation.predictor.spec().held.contains(&at);
+                let calibration = expectation.as_ref().filter(states).map(|expectation| {
                     let z_squared = squared / expectation.variances[row * layout.predicted() + at];
                     let within = |width: f64| u64::from(z_squared <= width * width);
-                    Calibration { z_squared, within_50: within(WITHIN_50), within_95: within(WITHIN_95) }
+                    let (within_50, within_95) = (within(WITHIN_50), within(WITHIN_95));
+                    Calibration { count: 1, z_squared, within_50, within_95 }
                 });
                 errors[*unit as usize][age].add(&AgeErrors { count: 1, squared, calibration });
             }
@@ -142,7 +144,7 @@ impl ErrorLedger {
 impl Expectation {
     /// Adds the variance of the change that the predictor expects from here to the next step. What was received
     /// has none of its own.
-    fn step(&mut self, layout: &JointLayout, ages: &[usize], estimates: &[f32]) {
+    fn step(&mut self, layout: &JointLayout, ages: &[Option<usize>], estimates: &[f32]) {
         let predicted = layout.predicted();
         let rows = estimates.len() / layout.joint();
         self.predictor.step(rows, estimates, &mut self.state, &mut self.scratch, &mut self.out);
@@ -150,7 +152,7 @@ impl Expectation {
         let outs = self.out.chunks_exact(2 * predicted);
         for ((row, variances), out) in self.variances.chunks_exact_mut(predicted).enumerate().zip(outs) {
             for (dim, (variance, raw)) in variances.iter_mut().zip(&out[predicted..]).enumerate() {
-                let received = ages[row * layout.agents + dim / layout.unique] == 0;
+                let received = ages[row * layout.agents + dim / layout.unique] == Some(0);
                 let before = if received { 0.0 } else { *variance };
                 *variance = before + f64::from(*raw).exp().max(SMALLEST_SIGMA).powi(2);
             }
@@ -220,9 +222,10 @@ mod tests {
     }
 
     #[test]
-    fn what_was_never_received_is_as_old_as_the_episode() {
-        let errors = four_steps("hold", [false; 4]);
-        assert_eq!(errors[0].ages.iter().map(|age| age.count).collect::<Vec<_>>(), [4; 4]);
+    fn what_was_never_received_has_no_age() {
+        assert_eq!(["hold", "value-aware"].map(|imputer| four_steps(imputer, [false; 4])), [[], []]);
+        let late = four_steps("value-aware", [false, false, true, false]);
+        assert_eq!(late, four_steps("value-aware", [true, false, true, true]), "only the news count");
     }
 
     #[test]

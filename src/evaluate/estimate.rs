@@ -8,25 +8,29 @@ use super::evaluation::{Condition, Evaluation, UnitErrors};
 use super::grouping::{Alike, distinct, groups};
 use super::sample::{Sample, Sampler};
 use super::summary::{CellSummary, Comparison, Group, ImputerSummary, Interval, Summary};
+use crate::error::Result;
 use crate::stats::{mean, std};
 
 impl Summary {
-    /// The statistics of an evaluation, imputers compared with the one called `baseline`. Computed on so many
-    /// threads, which makes no difference to them.
-    pub fn of(evaluation: &Evaluation, baseline: &str, threads: usize) -> Summary {
+    /// The statistics of an evaluation. Imputers of a group are compared with the first of `baselines` that
+    /// all of it was played with. Computed on so many threads, which makes no difference to them.
+    ///
+    /// # Errors
+    /// `Interrupted` if the program was asked to stop.
+    pub fn of(evaluation: &Evaluation, baselines: &[&str], threads: usize) -> Result<Summary> {
         let Evaluation { settings, contenders, .. } = evaluation;
         let episodes = Stratum::episodes(settings.episodes as usize);
-        let study = |group| Study::new(group, baseline, settings.seed, episodes, threads);
-        let studies: Vec<Study> = groups(evaluation).into_iter().map(study).collect();
+        let study = |group| Study::new(group, baselines, settings.seed, episodes, threads);
+        let studies: Vec<Study> = groups(evaluation).into_iter().map(study).collect::<Result<_>>()?;
         let mut summary = Summary {
             settings: settings.clone(),
             contenders: contenders.clone(),
             groups: studies.iter().map(Study::summary).collect(),
-            aggregates: aggregates(&studies, settings.seed, threads),
+            aggregates: aggregates(&studies, settings.seed, threads)?,
             claims: Vec::new(),
         };
         summary.claims = Claims::of(&summary, &Scope::default());
-        summary
+        Ok(summary)
     }
 }
 
@@ -34,15 +38,27 @@ impl Summary {
 pub(super) struct Study<'a> {
     /// The group.
     pub group: Alike<'a>,
-    baseline: &'a str,
+    /// The imputer that others are compared with, if the group was played with it.
+    baseline: Option<&'a str>,
     bootstrap: Bootstrap<Sample>,
 }
 
 impl<'a> Study<'a> {
-    fn new(group: Alike<'a>, baseline: &'a str, seed: u64, episodes: Stratum, threads: usize) -> Study<'a> {
+    fn new(
+        group: Alike<'a>,
+        baselines: &[&'a str],
+        seed: u64,
+        episodes: Stratum,
+        threads: usize,
+    ) -> Result<Study<'a>> {
+        let played = |name: &&str| {
+            let mut of = group.cells.iter().filter(|cell| cell.imputer == *name).peekable();
+            of.peek().is_some() && of.all(|cell| cell.outcomes.iter().all(Option::is_some))
+        };
+        let baseline = baselines.iter().copied().find(played);
         let sampler = Sampler::new(&group, baseline);
-        let bootstrap = Bootstrap::new(seed, &[episodes], threads, |counts| sampler.sample(counts));
-        Study { group, baseline, bootstrap }
+        let bootstrap = Bootstrap::new(seed, &[episodes], threads, |counts| sampler.sample(counts))?;
+        Ok(Study { group, baseline, bootstrap })
     }
 
     /// Scores of the contenders in a cell; `None` unless every resample has them.
@@ -60,7 +76,7 @@ impl<'a> Study<'a> {
             label: label.clone(),
             contenders: contenders.clone(),
             random: self.bootstrap.interval(Sample::random),
-            baseline: imputers.contains(&self.baseline).then(|| self.baseline.to_owned()),
+            baseline: self.baseline.map(str::to_owned),
             imputers: imputers.into_iter().map(|imputer| self.imputer(imputer)).collect(),
         }
     }
@@ -112,7 +128,7 @@ impl<'a> Study<'a> {
 
     fn comparison(&self, cell: usize) -> Option<Comparison> {
         let probability_of_improvement = self.bootstrap.interval_if(|sample| sample.improvement(cell))?;
-        let baseline = self.group.find(self.baseline, self.group.cells[cell].condition)?;
+        let baseline = self.group.find(self.baseline?, self.group.cells[cell].condition)?;
         let difference = self.bootstrap.interval(|sample| {
             let (own, others) = sample.paired_means(cell, baseline);
             mean(&own) - mean(&others)
@@ -130,8 +146,10 @@ impl<'a> Study<'a> {
     /// Errors in these cells, of all contenders, where anything can be lost.
     fn errors(&self, levels: &[(f64, usize)]) -> Vec<UnitErrors> {
         let mut pooled: Vec<UnitErrors> = Vec::new();
-        let lossy =
-            levels.iter().map(|(_, cell)| &self.group.cells[*cell]).filter(|cell| !cell.is_lossless());
+        let lossy = levels
+            .iter()
+            .map(|(_, cell)| &self.group.cells[*cell])
+            .filter(|cell| !cell.condition.is_lossless());
         for errors in lossy.flat_map(|cell| &cell.outcomes).flatten().flat_map(|outcome| &outcome.errors) {
             let Some(own) = pooled.iter_mut().find(|own| own.unit == errors.unit) else {
                 pooled.push(errors.clone());

@@ -109,7 +109,7 @@ pub struct Outcome {
 pub struct UnitErrors {
     /// The unit.
     pub unit: Unit,
-    /// At index a - 1, those of values last received a steps ago (at t = 0, or never: since the start).
+    /// At index a - 1, those of values last received a steps ago. What was never received is not among them.
     pub ages: Vec<AgeErrors>,
 }
 
@@ -129,6 +129,8 @@ pub struct AgeErrors {
 /// The sigma of a value imputed a steps in a row is that of the sum of a independent changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
+    /// Values for which the predictor stated a sigma: all but those it holds.
+    pub count: u64,
     /// Sum of z^2; its mean is 1 for a predictor that knows how sure it may be.
     pub z_squared: f64,
     /// Values within the central 50 % interval of the stated normal distribution.
@@ -194,6 +196,17 @@ impl FromStr for Condition {
     }
 }
 
+impl Outcome {
+    /// Whether all numbers are numbers: estimates can overflow.
+    pub fn is_finite(&self) -> bool {
+        let finite = |errors: &AgeErrors| {
+            errors.squared.is_finite() && errors.calibration.is_none_or(|stated| stated.z_squared.is_finite())
+        };
+        let mut ages = self.errors.iter().flat_map(|errors| &errors.ages);
+        self.returns.iter().all(|value| value.is_finite()) && ages.all(finite)
+    }
+}
+
 impl AgeErrors {
     /// Root mean squared error; `None` if there was no value.
     pub fn rmse(&self) -> Option<f64> {
@@ -206,6 +219,7 @@ impl AgeErrors {
         self.squared += other.squared;
         if let Some(other) = other.calibration {
             let own = self.calibration.get_or_insert_default();
+            own.count += other.count;
             own.z_squared += other.z_squared;
             own.within_50 += other.within_50;
             own.within_95 += other.within_95;

@@ -6,7 +6,7 @@ use super::evaluation::{Condition, Evaluation, Outcome};
 pub(super) struct Alike<'a> {
     /// Id of the task.
     pub task: &'a str,
-    /// What trained them, and for how long where groups of the task differ in that.
+    /// What trained them, and for how long where groups of this algorithm differ in that.
     pub label: String,
     /// Indices into [`Evaluation::contenders`].
     pub contenders: Vec<usize>,
@@ -33,13 +33,6 @@ pub(super) struct Played<'a> {
     pub outcomes: Vec<Option<&'a Outcome>>,
 }
 
-impl Played<'_> {
-    /// Whether nothing can be lost.
-    pub fn is_lossless(&self) -> bool {
-        self.condition == Condition::Level(1.0)
-    }
-}
-
 /// The groups, in the order of their first contenders.
 pub(super) fn groups(evaluation: &Evaluation) -> Vec<Alike<'_>> {
     let contenders = &evaluation.contenders;
@@ -50,8 +43,9 @@ pub(super) fn groups(evaluation: &Evaluation) -> Vec<Alike<'_>> {
             (&one.task[..], &one.algorithm[..], one.steps) == (task, algorithm, steps)
         };
         let members: Vec<usize> = (0..contenders.len()).filter(alike).collect();
-        let lengths = ways.iter().filter(|way| (way.0, way.1) == (task, algorithm)).count();
-        let label = match lengths {
+        // Of all tasks, so that groups of different tasks are called alike if they are alike.
+        let lengths = distinct(ways.iter().filter(|way| way.1 == algorithm).map(|way| way.2));
+        let label = match lengths.len() {
             1 => algorithm.to_owned(),
             _ => format!("{algorithm} {}", thousands(steps)),
         };

@@ -28,7 +28,7 @@ pub use evaluation::{
     AgeErrors, Calibration, Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings, UnitErrors,
 };
 pub(crate) use grouping::thousands;
-pub use record::{CELLS, Record};
+pub use record::Record;
 pub use require::{Metric, Requirement, Verdict};
 pub use summary::{Aggregate, CellSummary, Comparison, Group, ImputerSummary, Interval, Summary};
 pub use sweep::{Entrant, Place, Sweep};

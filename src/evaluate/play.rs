@@ -49,10 +49,14 @@ pub(super) fn play(
 }
 
 /// The returns of agents that choose uniformly among their available actions, in the same episodes.
-pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Vec<f64> {
+///
+/// # Errors
+/// `Interrupted` if the program was asked to stop.
+pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Result<Vec<f64>> {
     let mut world = World::new(task);
     let mut actions = vec![0; task.n_agents()];
     let mut play = |episode| {
+        signals::check_stop()?;
         world.reset(settings.seed, episode);
         let mut episode_return = 0.0;
         for step in 0..EPISODE_STEPS as u64 {
@@ -63,7 +67,7 @@ pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Vec<f64> {
             world.step(&actions);
             episode_return += world.team_reward();
         }
-        episode_return
+        Ok(episode_return)
     };
     (FIRST_EPISODE..FIRST_EPISODE + settings.episodes).map(&mut play).collect()
 }
@@ -116,8 +120,8 @@ mod tests {
     #[test]
     fn a_random_team_does_worse_than_a_trained_one_and_is_always_the_same() {
         for task in ["hear-see", "speaker-listener"] {
-            let random = play_at_random(&settings(9), &Task::parse(task).unwrap());
-            assert_eq!(random, play_at_random(&settings(9), &Task::parse(task).unwrap()));
+            let random = play_at_random(&settings(9), &Task::parse(task).unwrap()).unwrap();
+            assert_eq!(random, play_at_random(&settings(9), &Task::parse(task).unwrap()).unwrap());
             assert!(mean(&random) < mean(&outcome(task, 1.0, "hold", 3).returns), "{task}");
         }
     }

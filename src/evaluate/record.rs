@@ -10,10 +10,14 @@ use serde::{Deserialize, Serialize};
 
 use super::evaluation::{Condition, Outcome, Settings};
 use crate::error::{Error, Result};
+use crate::nn::kernels;
 use crate::usage;
 
 /// Name of the file in the folder of a report.
-pub const CELLS: &str = "cells.jsonl";
+const CELLS: &str = "cells.jsonl";
+
+/// What to do where a record cannot be used.
+const ELSEWHERE: &str = "choose another --report, or remove the file";
 
 /// Finished cells, in a file that is locked as long as this lives. A line counts once it has ended.
 #[derive(Debug)]
@@ -28,8 +32,10 @@ pub struct Record {
 struct Header {
     format: String,
     version: u32,
-    /// Other programs may compute other last bits.
+    /// Version of the program: others may compute other last bits.
     program: String,
+    /// The instruction set, with which sums are grouped.
+    simd: String,
     settings: Settings,
 }
 
@@ -57,6 +63,7 @@ impl Header {
             format: "vamaro-swarm cells".to_owned(),
             version: 1,
             program: env!("CARGO_PKG_VERSION").to_owned(),
+            simd: kernels::instruction_set().to_owned(),
             settings: settings.clone(),
         }
     }
@@ -94,6 +101,11 @@ impl Record {
         // What is behind the last line that ended was being written when the program was killed.
         let whole = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
         let mut record = Record { file, path, cells: HashMap::new() };
+        let torn_header =
+            || serde_json::to_vec(&Header::of(settings)).is_ok_and(|all| all.starts_with(&text));
+        if whole == 0 && !torn_header() {
+            return Err(record.foreign());
+        }
         record.read(&text[..whole], settings)?;
         record.file.set_len(whole as u64).map_err(|e| Error::io("write", &record.path, e))?;
         record.file.seek(SeekFrom::End(0)).map_err(|e| Error::io("write", &record.path, e))?;
@@ -106,19 +118,24 @@ impl Record {
     fn read(&mut self, text: &[u8], settings: &Settings) -> Result<()> {
         let mut lines = text.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
         let Some(first) = lines.next() else { return Ok(()) };
-        let elsewhere = "choose another --report, or remove the file";
-        let path = self.path.display();
-        let header: Header = serde_json::from_slice(first).map_err(|_| {
-            usage!("{path} does not begin as finished cells of an evaluation do; {elsewhere}")
-        })?;
+        let (path, elsewhere) = (self.path.display(), ELSEWHERE);
+        let header: Header = serde_json::from_slice(first).map_err(|_| self.foreign())?;
         let expected = Header::of(settings);
-        if (&header.format, header.version, &header.program)
-            != (&expected.format, expected.version, &expected.program)
+        if header.format != expected.format {
+            return Err(self.foreign());
+        }
+        if (header.version, &header.program, &header.simd)
+            != (expected.version, &expected.program, &expected.simd)
         {
             return Err(usage!(
-                "{path} was written by version {} of this program, this is {}; {elsewhere}",
+                "{path} (version {}) was written by version {} of this program with SIMD {}, this is {} (version {}) \
+                 with SIMD {}; {elsewhere}",
+                header.version,
                 header.program,
-                expected.program
+                header.simd,
+                expected.program,
+                expected.version,
+                expected.simd
             ));
         }
         if header.settings != *settings {
@@ -143,6 +160,10 @@ impl Record {
         Ok(())
     }
 
+    fn foreign(&self) -> Error {
+        usage!("{} does not begin as finished cells of an evaluation do; {ELSEWHERE}", self.path.display())
+    }
+
     /// The outcome of a cell, if it is finished.
     pub(super) fn get(&self, key: &Key) -> Option<&Outcome> {
         self.cells.get(&key.text())
@@ -156,8 +177,12 @@ impl Record {
     fn append(&mut self, line: &impl Serialize) -> Result<()> {
         let mut text = serde_json::to_vec(line).map_err(|e| Error::io("write", &self.path, e))?;
         text.push(b'\n');
-        // In one call, so that nothing but the end of the machine tears it.
-        self.file.write_all(&text).map_err(|e| Error::io("write", &self.path, e))
+        let whole = self.file.metadata().map_err(|e| Error::io("read", &self.path, e))?.len();
+        self.file.write_all(&text).map_err(|e| {
+            // Half a line, of a full disk, would spoil the next one.
+            let _ = self.file.set_len(whole);
+            Error::io("write", &self.path, e)
+        })
     }
 }
 
@@ -204,6 +229,11 @@ mod tests {
         drop(record);
         let record = Record::open(folder.path(), &settings(2)).unwrap();
         assert_eq!(record.get(&key("zero")), Some(&outcome));
+        drop(record);
+        // Killed while the very first line was written.
+        let header = std::fs::read(folder.path().join(CELLS)).unwrap();
+        std::fs::write(folder.path().join(CELLS), &header[..9]).unwrap();
+        assert_eq!(Record::open(folder.path(), &settings(2)).unwrap().get(&key("zero")), None);
     }
 
     #[test]
@@ -223,7 +253,9 @@ mod tests {
         let header = |settings: &Settings| serde_json::to_string(&Header::of(settings)).unwrap() + "\n";
         refused(&header(&settings(3)), "3 episodes");
         refused(&header(&settings(2)).replace(env!("CARGO_PKG_VERSION"), "0.0.9"), "version 0.0.9");
-        refused("{}\n", "does not begin");
+        for foreign in ["{}\n", "something else", "something else\n"] {
+            refused(foreign, "does not begin");
+        }
         refused(&(header(&settings(2)) + "{}\n"), "line 2");
         let short = Line { key: key("hold"), outcome: Outcome { returns: vec![0.0], errors: Vec::new() } };
         refused(&(header(&settings(2)) + &serde_json::to_string(&short).unwrap() + "\n"), "2 returns");

@@ -12,7 +12,7 @@ use super::summary::{CellSummary, Group, Interval, Summary};
 pub struct Requirement {
     /// How links behave.
     pub condition: Condition,
-    /// The imputer; `None` for that which a swarm would use by itself.
+    /// The imputer; `None` for that which a swarm uses by itself.
     pub imputer: Option<String>,
     /// What is looked at.
     pub metric: Metric,
@@ -38,7 +38,7 @@ pub struct Verdict {
     pub group: String,
     /// The requirement.
     pub requirement: Requirement,
-    /// What was found; `None` if there is no such estimate.
+    /// What was found; `None` if there is no score, as of policies that are no better than uniform actions.
     pub found: Option<Interval>,
 }
 
@@ -48,16 +48,16 @@ impl Requirement {
         self.metric == Metric::Score
     }
 
-    /// Holds it against every group. `preferred` says which imputer of a group stands where none is named.
-    pub fn check(&self, summary: &Summary, preferred: impl Fn(&Group) -> Option<String>) -> Vec<Verdict> {
+    /// Holds it against every group. It must say which imputer it is about.
+    pub fn check(&self, summary: &Summary) -> Vec<Verdict> {
         let check = |group: &Group| {
-            let name = self.imputer.clone().or_else(|| preferred(group));
-            let imputer = group.imputers.iter().find(|imputer| Some(&imputer.imputer) == name.as_ref());
+            let mut imputers = group.imputers.iter();
+            let imputer = imputers.find(|imputer| Some(&imputer.imputer) == self.imputer.as_ref());
             let cell = imputer
                 .and_then(|imputer| imputer.cells.iter().find(|cell| cell.condition == self.condition));
             Verdict {
                 group: format!("{} {}", group.task, group.label),
-                requirement: Requirement { imputer: name, ..self.clone() },
+                requirement: self.clone(),
                 found: cell.and_then(|cell| self.metric.of(cell)),
             }
         };
@@ -76,10 +76,10 @@ impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Verdict { group, requirement, found } = self;
         match found {
-            None => write!(f, "{group}: {requirement}: no such estimate"),
+            None => write!(f, "{group}: {requirement}: no score, no better than uniform actions at p = 1"),
             Some(Interval { value, low, high }) => {
                 let verdict = if self.is_met() { "met" } else { "not met" };
-                write!(f, "{group}: {requirement}: {verdict}, {value:.3} [{low:.3}, {high:.3}]")
+                write!(f, "{group}: {requirement}: {verdict}, {value:.4} [{low:.4}, {high:.4}]")
             }
         }
     }
@@ -193,7 +193,7 @@ mod tests {
         assert!(verdict(0.9).is_met() && !verdict(0.899).is_met());
         assert_eq!(
             verdict(0.899).to_string(),
-            "hear-see mappo: p=0.2 imputer=maro score>=0.9: not met, 0.950 [0.899, 1.000]"
+            "hear-see mappo: p=0.2 imputer=maro score>=0.9: not met, 0.9500 [0.8990, 1.0000]"
         );
         let nothing = Verdict { found: None, ..verdict(1.0) };
         assert!(!nothing.is_met());

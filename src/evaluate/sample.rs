@@ -76,10 +76,10 @@ struct CellSampler<'a> {
 
 impl<'a> Sampler<'a> {
     /// Of a group that is compared with this imputer.
-    pub fn new(group: &Alike<'a>, baseline: &str) -> Sampler<'a> {
+    pub fn new(group: &Alike<'a>, baseline: Option<&str>) -> Sampler<'a> {
         let cell = |played: &Played<'a>| {
-            let compared = played.imputer != baseline && !played.is_lossless();
-            let baseline = group.find(baseline, played.condition).filter(|_| compared);
+            let others = baseline.filter(|name| *name != played.imputer && !played.condition.is_lossless());
+            let baseline = others.and_then(|name| group.find(name, played.condition));
             let returns = played.returns();
             let pooled = returns.iter().flatten().flat_map(|returns| returns.iter().copied().enumerate());
             let ordered = Ordered::new(pooled);

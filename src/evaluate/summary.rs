@@ -25,7 +25,7 @@ pub struct Summary {
 pub struct Group {
     /// Id of the task.
     pub task: String,
-    /// What trained them, and for how long where groups of the task differ in that: `mappo`, `mappo 20 M`.
+    /// What trained them, and for how long where groups of this algorithm differ in that: `mappo`, `mappo 20 M`.
     pub label: String,
     /// Indices into [`Summary::contenders`].
     pub contenders: Vec<usize>,
@@ -102,7 +102,7 @@ pub struct Aggregate {
     pub tasks: Vec<String>,
     /// Policies, over all tasks.
     pub runs: usize,
-    /// Mean score of all runs.
+    /// Mean over tasks of the mean score of their runs.
     pub mean: Interval,
     /// Interquartile mean of the scores of all runs.
     pub iqm: Interval,

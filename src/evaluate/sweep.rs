@@ -8,6 +8,7 @@ use super::record::{Key, Record};
 use crate::agents::{AgentSettings, ImputerName, PolicySource};
 use crate::bus::Wait;
 use crate::error::{Error, Result};
+use crate::failed;
 use crate::nn::Policy;
 use crate::supervisor::{InProcess, Processes, signals};
 use crate::threads::side_by_side;
@@ -81,6 +82,11 @@ impl Entrant {
         };
         Entrant { contender, source, policy, task, imputers }
     }
+
+    /// Whether it is played with this imputer.
+    pub fn plays(&self, imputer: &str) -> bool {
+        self.imputers.iter().any(|name| name.to_string() == imputer)
+    }
 }
 
 impl Sweep {
@@ -115,12 +121,7 @@ impl Sweep {
         let State { outcomes, failure, .. } = state.into_inner().unwrap_or_else(PoisonError::into_inner);
         failure.map_or(Ok(()), Err)?;
         let outcomes = outcomes.into_iter().map(|outcome| outcome.expect("every job is done"));
-        Ok(self.evaluation(outcomes.collect(), &jobs))
-    }
-
-    /// How many cells there are to play.
-    pub fn n_cells(&self) -> usize {
-        self.jobs().len()
+        self.evaluation(outcomes.collect(), &jobs)
     }
 
     /// Entrant by entrant, condition by condition, imputer by imputer.
@@ -170,11 +171,11 @@ impl Sweep {
     }
 
     /// Puts everything together.
-    fn evaluation(&self, outcomes: Vec<Outcome>, jobs: &[Job]) -> Evaluation {
+    fn evaluation(&self, outcomes: Vec<Outcome>, jobs: &[Job]) -> Result<Evaluation> {
         let mut random: Vec<RandomTeam> = Vec::new();
         for Entrant { task, .. } in &self.entrants {
             if random.iter().all(|team| team.task != task.id()) {
-                let returns = play_at_random(&self.settings, task);
+                let returns = play_at_random(&self.settings, task)?;
                 random.push(RandomTeam { task: task.id().to_owned(), returns });
             }
         }
@@ -190,7 +191,7 @@ impl Sweep {
             }
         }
         let contenders = self.entrants.iter().map(|entrant| entrant.contender.clone()).collect();
-        Evaluation { settings: self.settings.clone(), contenders, random, cells }
+        Ok(Evaluation { settings: self.settings.clone(), contenders, random, cells })
     }
 }
 
@@ -216,6 +217,11 @@ struct State<'a> {
 impl State<'_> {
     fn take(&mut self, at: usize, job: &Job, played: Result<Outcome>) {
         let kept = played.and_then(|outcome| {
+            if !outcome.is_finite() {
+                let (policy, imputer) = (&job.entrant.contender.name, job.key().imputer.unwrap_or_default());
+                let condition = job.condition;
+                return Err(failed!("{policy}, {condition}: what {imputer} imputes is beyond all numbers"));
+            }
             if let Some(record) = &mut self.record {
                 record.keep(&job.key(), &outcome)?;
             }
@@ -233,14 +239,13 @@ impl State<'_> {
     }
 }
 
-/// Tells policies apart: FNV-1a over task, algorithm, names of tensors and weights.
+/// Tells policies apart: FNV-1a over task, algorithm, networks and weights.
 fn fingerprint(policy: &Policy) -> String {
     let mut values = vec![0.0; policy.n_values()];
     policy.copy_values(&mut values);
     let meta = policy.meta();
-    let words = [&meta.task, &meta.algorithm].into_iter().map(|word| word.as_bytes());
-    let names = policy.tensors().map(|(spec, _)| spec.name.as_bytes());
-    let bytes = words.chain(names).chain([bytemuck::cast_slice(&values)]).flatten();
+    let words = format!("{} {} {:?}", meta.task, meta.algorithm, policy.networks());
+    let bytes = words.as_bytes().iter().chain(bytemuck::cast_slice(&values));
     let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
     });

@@ -216,15 +216,16 @@ impl Drop for Processes {
     }
 }
 
-/// Puts weights that are in this process only into a file, so that the agents map them like any others
-/// instead of making a copy each.
+/// Puts weights into a file of the swarm's own, so that all agents map one copy of just these: those that are in
+/// this process only, and those of a file that may have been replaced since it was opened, as a run in training
+/// does. Those in the program itself are where they have to be.
 fn share_weights(
     settings: &AgentSettings,
     policy: &Policy,
     directory: &SwarmDirectory,
 ) -> Result<AgentSettings> {
     let mut settings = settings.clone();
-    if settings.policy == PolicySource::Training || !policy.is_shared() {
+    if settings.policy != PolicySource::Builtin || !policy.is_shared() {
         let path = directory.path().join("policy.safetensors");
         policy.save(&path)?;
         settings.policy = PolicySource::File(path);

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use crate::evaluate::{
-    AgeErrors, CellSummary, Condition, Evaluation, Group, ImputerSummary, Interval, Summary,
+    AgeErrors, Calibration, CellSummary, Condition, Evaluation, Group, ImputerSummary, Interval, Summary,
 };
 
 const SUMMARY: &str = "task,label,policies,imputer,condition,p,mean,mean_low,mean_high,iqm,iqm_low,iqm_high,\
@@ -30,7 +30,7 @@ fn summary_row(group: &Group, imputer: &ImputerSummary, cell: &CellSummary) -> V
     let mut row = vec![
         field(&group.task),
         field(&group.label),
-        group.contenders.len().to_string(),
+        cell.seed_means.len().to_string(),
         field(&imputer.imputer),
         condition(cell.condition),
     ];
@@ -86,13 +86,15 @@ pub fn errors(summary: &Summary) -> String {
 
 fn errors_row(errors: &AgeErrors) -> String {
     let calibration = errors.calibration;
-    let share = |count: Option<u64>| optional(count.map(|count| count as f64 / errors.count as f64));
+    let share = |part: fn(&Calibration) -> f64| {
+        optional(calibration.map(|stated| part(&stated) / stated.count as f64))
+    };
     [
         errors.count.to_string(),
         optional(errors.rmse()),
-        share(calibration.map(|calibration| calibration.within_50)),
-        share(calibration.map(|calibration| calibration.within_95)),
-        optional(calibration.map(|calibration| calibration.z_squared / errors.count as f64)),
+        share(|stated| stated.within_50 as f64),
+        share(|stated| stated.within_95 as f64),
+        share(|stated| stated.z_squared),
     ]
     .join(",")
 }

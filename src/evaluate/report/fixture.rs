@@ -101,6 +101,7 @@ fn errors(rank: usize) -> Vec<UnitErrors> {
             let count = 6000 / age;
             let rmse = scale * (rank + 1) as f64 * age as f64;
             let calibration = Calibration {
+                count,
                 z_squared: count as f64 * (1.0 + 0.1 * age as f64),
                 within_50: count * 48 / 100,
                 within_95: count * 91 / 100,

@@ -25,18 +25,18 @@ pub fn group(html: &mut Html, summary: &Summary, group: &Group) {
     html.raw("</div>");
 
     html.element("h3", "Return");
-    html.table(&by_condition(
-        group,
-        "Mean return, its 95 % interval, standard deviation over policies, and score.".to_owned(),
-        |cell| Some(outcome(cell)),
-    ));
+    let several = group.contenders.len() > 1;
+    let over_policies = if several { "standard deviation over policies, " } else { "" };
+    let caption = format!("Mean return, its 95 % interval, {over_policies}interquartile mean, and score.");
+    html.table(&by_condition(group, caption, |cell| Some(outcome(cell))));
     let mut cells = group.imputers.iter().flat_map(|imputer| &imputer.cells);
     let is_compared = cells.any(|cell| cell.comparison.is_some());
     if let Some(baseline) = group.baseline.as_ref().filter(|_| is_compared) {
         html.element("h3", &format!("Against {baseline}"));
         let caption = format!(
-            "Paired difference of return to {baseline}, its 95 % interval, the same as a share, how often it is \
-             better, and the ratio of the standard deviations."
+            "Paired difference of return to {baseline}, its 95 % interval, the same as a share, and how often it is \
+             better{}.",
+            if several { "; the ratio of the standard deviations over policies" } else { "" }
         );
         html.table(&by_condition(group, caption, |cell| cell.comparison.as_ref().map(compared)));
     }
@@ -45,10 +45,8 @@ pub fn group(html: &mut Html, summary: &Summary, group: &Group) {
     let errors = figures::error_by_age(groups, &imputers);
     if !errors.panels.is_empty() {
         html.element("h3", "What was imputed");
-        html.raw("<div class=\"pair\">");
         figure(html, &errors);
         html.table(&errors_of(group));
-        html.raw("</div>");
     }
 }
 
@@ -69,7 +67,7 @@ fn by_condition(group: &Group, caption: String, cell: impl Fn(&CellSummary) -> O
         let cells: Vec<Option<Cell>> = columns.iter().map(|at| cell(&imputer.cells[*at])).collect();
         let says = cells.iter().any(Option::is_some);
         let cells = cells.into_iter().map(|cell| cell.unwrap_or_else(|| Cell::of("-")));
-        says.then(|| (imputer.imputer.clone(), cells.collect()))
+        says.then(|| (words::played(group, imputer), cells.collect()))
     });
     Table {
         caption,
@@ -81,6 +79,7 @@ fn by_condition(group: &Group, caption: String, cell: impl Fn(&CellSummary) -> O
 fn outcome(cell: &CellSummary) -> Cell {
     let mut notes = vec![words::ends(&cell.mean, 1)];
     notes.extend(cell.seed_std.map(|std| format!("std {}", words::number(std, 1))));
+    notes.push(format!("IQM {}", words::number(cell.iqm.value, 1)));
     notes.extend(cell.score.map(|score| format!("score {}", words::number(score.value, 2))));
     Cell { value: words::number(cell.mean.value, 1), notes, strong: false }
 }
@@ -100,9 +99,11 @@ fn compared(comparison: &Comparison) -> Cell {
 fn over_p(group: &Group) -> Table {
     let columns = ["imputer", "return area", "score area", "p for 90 %"];
     let rows = group.imputers.iter().map(|imputer| {
-        let estimates = [(imputer.return_area, 1), (imputer.score_area, 2), (imputer.p_for_90, 2)];
-        let cells = estimates.map(|(interval, decimals)| estimate(interval, decimals));
-        (imputer.imputer.clone(), cells.to_vec())
+        let p_for_90 = imputer
+            .p_for_90
+            .map_or(Cell::of("-"), |p| Cell { value: words::p_for_90(imputer, &p), ..estimate(Some(p), 2) });
+        let cells = [estimate(imputer.return_area, 1), estimate(imputer.score_area, 3), p_for_90];
+        (words::played(group, imputer), cells.to_vec())
     });
     Table {
         caption: "What the curves come to, with 95 % intervals.".to_owned(),
@@ -125,12 +126,12 @@ fn errors_of(group: &Group) -> Table {
         let errors_at = [at(1), at(5), words::all_ages(errors)];
         let cells = errors_at.map(|errors| {
             let Some(rmse) = errors.rmse() else { return Cell::of("-") };
-            let share = |count: u64| count as f64 / errors.count as f64;
-            let notes = errors.calibration.map_or(Vec::new(), |calibration| {
+            let notes = errors.calibration.map_or(Vec::new(), |stated| {
+                let share = |part: u64| part as f64 / stated.count as f64;
                 vec![
-                    format!("{} in 50 %", words::percent(share(calibration.within_50), 1)),
-                    format!("{} in 95 %", words::percent(share(calibration.within_95), 1)),
-                    format!("z^2 {}", words::number(calibration.z_squared / errors.count as f64, 2)),
+                    format!("{} in 50 %", words::percent(share(stated.within_50), 1)),
+                    format!("{} in 95 %", words::percent(share(stated.within_95), 1)),
+                    format!("z^2 {}", words::number(stated.z_squared / stated.count as f64, 2)),
                 ]
             });
             Cell { value: words::number(rmse, 4), notes, strong: false }
@@ -139,7 +140,7 @@ fn errors_of(group: &Group) -> Table {
     };
     let rows = group.imputers.iter().flat_map(|imputer| {
         let errors = imputer.errors.iter().filter(|errors| words::all_ages(errors).count > 0);
-        errors.map(|errors| (imputer.imputer.clone(), cells(errors)))
+        errors.map(|errors| (words::played(group, imputer), cells(errors)))
     });
     Table {
         caption: "RMSE of values last received so many steps ago; for predictors that say how sure they are, the share \

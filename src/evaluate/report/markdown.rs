@@ -55,7 +55,7 @@ fn table(summary: &Summary, value: impl Fn(&CellSummary) -> String) -> String {
     for group in &summary.groups {
         for imputer in &group.imputers {
             let policies = format!("{}, {}", group.label, words::seeds(summary, group));
-            let names = [group.task.clone(), policies, imputer.imputer.clone()].into_iter();
+            let names = [group.task.clone(), policies, words::played(group, imputer)].into_iter();
             text.push_str(&row(&names.chain(imputer.cells.iter().map(&value)).collect::<Vec<_>>()));
         }
     }

@@ -25,9 +25,8 @@ pub use results::results;
 pub use text::text;
 
 use super::{Evaluation, Summary};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::file::AtomicFile;
-use crate::plot::Figure;
 
 /// What an evaluation was made with.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -60,22 +59,36 @@ pub fn write(
         ("difference.svg", figures::difference(&summary.groups, &imputers)),
         ("error-by-age.svg", figures::error_by_age(&summary.groups, &imputers)),
     ];
-    let mut files = vec![
-        ("report.html", page::page(summary, provenance)),
-        ("results.json", results::results(summary, provenance)),
-        ("marl-eval.json", marl_eval::marl_eval(evaluation, summary)),
-        ("summary.csv", csv::summary(summary)),
-        ("episodes.csv", csv::episodes(evaluation)),
-        ("errors.csv", csv::errors(summary)),
-        ("table.md", markdown::tables(summary)),
-    ];
-    let drawn = figures.into_iter().filter(|(_, figure)| !figure.panels.is_empty());
-    files.extend(drawn.map(|(name, figure): (_, Figure)| (name, figure.to_svg())));
-    let written = files.into_iter().map(|(name, content)| {
+    let mut written = Vec::new();
+    let mut write = |name: &str, content: String| {
         let path = folder.join(name);
-        AtomicFile::write(&path, content.as_bytes()).map(|()| path)
-    });
-    written.collect()
+        AtomicFile::write(&path, content.as_bytes())?;
+        written.push(path);
+        Ok(())
+    };
+    // One after the other: those with all episodes are large.
+    write("report.html", page::page(summary, provenance))?;
+    write("results.json", results::results(summary, provenance))?;
+    write("marl-eval.json", marl_eval::marl_eval(evaluation, summary))?;
+    write("summary.csv", csv::summary(summary))?;
+    write("episodes.csv", csv::episodes(evaluation))?;
+    write("errors.csv", csv::errors(summary))?;
+    write("table.md", markdown::tables(summary))?;
+    for (name, figure) in figures {
+        match figure.panels.is_empty() {
+            false => write(name, figure.to_svg())?,
+            true => remove(&folder.join(name))?,
+        }
+    }
+    Ok(written)
+}
+
+/// Removes a figure of an earlier evaluation that this one does not have.
+fn remove(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::io("remove", path, e)),
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -146,10 +159,12 @@ mod tests {
     #[test]
     fn what_has_nothing_to_show_is_not_written() {
         let (evaluation, mut summary) = fixture::two_tasks();
-        summary.groups.iter_mut().for_each(fixture::forget_baseline);
         let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), &evaluation, &summary, &fixture::provenance()).unwrap();
+        summary.groups.iter_mut().for_each(fixture::forget_baseline);
         let files = write(folder.path(), &evaluation, &summary, &fixture::provenance()).unwrap();
         assert!(!files.contains(&folder.path().join("difference.svg")) && files.len() == 9);
+        assert!(!folder.path().join("difference.svg").exists(), "that of an earlier evaluation is gone");
         assert!(write(&folder.path().join("none"), &evaluation, &summary, &fixture::provenance()).is_err());
     }
 }

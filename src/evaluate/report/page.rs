@@ -81,7 +81,12 @@ fn introduction(html: &mut Html, summary: &Summary, provenance: &Provenance) {
 }
 
 fn aggregates(html: &mut Html, summary: &Summary) {
-    html.element("p", "Scores of all policies of several tasks, after Agarwal et al. (2021).");
+    html.element(
+        "p",
+        "Scores of all policies of several tasks, after Agarwal et al. (2021). Here intervals resample policies within \
+         each task, not episodes: with three policies a task they are rough, too narrow rather than too wide, and a \
+         task with one policy does not vary at all.",
+    );
     let labels = distinct(summary.aggregates.iter().map(|aggregate| &aggregate.label[..]));
     for label in labels {
         let of_label: Vec<&Aggregate> =
@@ -104,14 +109,22 @@ fn over_tasks(label: &str, aggregates: &[&Aggregate]) -> Table {
             Cell { value: words::number(iqm.value, 2), notes, strong: false }
         };
         let of = aggregates.iter().find(|aggregate| aggregate.imputer == *imputer);
-        let of = of.map(|a| Cell { value: a.runs.to_string(), notes: a.tasks.clone(), strong: false });
+        let of = of.map(|a| Cell {
+            notes: vec![format!("{} tasks", a.tasks.len())],
+            ..Cell::of(a.runs.to_string())
+        });
         let cells = of.into_iter().chain(conditions.iter().map(cell));
         ((*imputer).to_owned(), cells.collect())
     };
     let columns = ["imputer", "policies"].map(str::to_owned).into_iter();
     Table {
         caption: format!(
-            "{label}: interquartile mean of the scores and its 95 % interval; mean score below."
+            "{label}: interquartile mean of the scores and its 95 % interval; below, the mean over tasks. Tasks: {}.",
+            distinct(aggregates.iter().flat_map(|aggregate| &aggregate.tasks))
+                .into_iter()
+                .cloned()
+                .collect::<Vec<_>>()
+                .join(", ")
         ),
         columns: columns.chain(conditions.iter().map(|condition| words::condition(*condition))).collect(),
         rows: imputers.iter().map(row).collect(),
@@ -219,7 +232,7 @@ mod tests {
         }
         // Two tasks with three figures each.
         assert_eq!(page.matches("<figure>").count(), 6);
-        assert!(page.contains(">Over tasks</h2>") && page.contains("<td>5<small>hear-see</small>"));
+        assert!(page.contains(">Over tasks</h2>") && page.contains("<td>5<small>2 tasks</small>"));
         assert!(page.contains("vamaro-swarm evaluate runs/* --report report"));
         for tag in ["table", "figure", "div", "dl", "tr", "td", "th", "nav", "h2", "h3", "p"] {
             let count = |end: &str| page.matches(end).count();

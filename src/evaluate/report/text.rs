@@ -1,7 +1,7 @@
 //! What a terminal shows of an evaluation.
 
 use super::words;
-use crate::evaluate::{CellSummary, Condition, Group, ImputerSummary, Summary};
+use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary, Summary};
 use crate::table::table;
 
 /// Tables of every group: return and score under each condition, and what a curve comes to; then the claims.
@@ -18,7 +18,10 @@ pub fn text(summary: &Summary) -> String {
         heading + &outcomes(group) + &overall(group)
     });
     let claims = summary.claims.iter().map(|claims| words::claim(claims) + "\n");
-    groups.chain(claims).collect::<Vec<_>>().join("\n")
+    let legend = "x +- y: half the width of the 95 % interval, over episodes of these policies;\n\
+                  how far policies (seeds) are apart is their standard deviation (std)\n"
+        .to_owned();
+    std::iter::once(legend).chain(groups).chain(claims).collect::<Vec<_>>().join("\n")
 }
 
 /// Return and score, an imputer in each row and a condition in each column, in as many tables as it takes.
@@ -43,13 +46,19 @@ fn outcomes_under(group: &Group, first: usize, conditions: &[Condition]) -> Stri
     header.extend(names.iter().map(String::as_str));
     let cells = |imputer: &'_ ImputerSummary, value: &dyn Fn(&CellSummary) -> String| {
         let cells = imputer.cells.iter().skip(first).take(conditions.len()).map(value);
-        std::iter::once(imputer.imputer.clone()).chain(cells).collect::<Vec<_>>()
+        std::iter::once(words::played(group, imputer)).chain(cells).collect::<Vec<_>>()
     };
     let means = |imputer| cells(imputer, &|cell| words::plus_minus(&cell.mean, 1));
     let scores = |imputer| {
         cells(imputer, &|cell| cell.score.map_or("-".into(), |score| words::number(score.value, 2)))
     };
+    let deviations =
+        |imputer| cells(imputer, &|cell| cell.seed_std.map_or("-".into(), |std| words::number(std, 1)));
     let mut rows: Vec<Vec<String>> = group.imputers.iter().map(means).collect();
+    if group.contenders.len() > 1 {
+        rows.push(vec!["std over policies".to_owned()]);
+        rows.extend(group.imputers.iter().map(deviations));
+    }
     if group.imputers.iter().flat_map(|imputer| &imputer.cells).any(|cell| cell.score.is_some()) {
         rows.push(vec!["score".to_owned()]);
         rows.extend(group.imputers.iter().map(scores));
@@ -66,26 +75,30 @@ fn overall(group: &Group) -> String {
     levels.retain(|level| *level < 1.0);
     levels.sort_by(f64::total_cmp);
     levels.truncate(2);
-    let mut header: Vec<String> = ["over p", "return", "score", "p for 90 %"].map(str::to_owned).to_vec();
+    let mut header: Vec<String> =
+        ["over p", "return area", "score area", "p for 90 %"].map(str::to_owned).to_vec();
     if let Some(baseline) = &group.baseline {
-        header.extend(levels.iter().map(|p| format!("to {baseline} at p = {p}")));
+        header.extend(levels.iter().map(|p| format!("minus {baseline}, p = {p}")));
     }
     let rows = group.imputers.iter().map(|imputer| {
         let estimate = |interval: &Option<_>, decimals| {
             interval.as_ref().map_or("-".to_owned(), |interval| words::plus_minus(interval, decimals))
         };
         let mut row = vec![
-            imputer.imputer.clone(),
+            words::played(group, imputer),
             estimate(&imputer.return_area, 1),
-            estimate(&imputer.score_area, 2),
-            estimate(&imputer.p_for_90, 2),
+            estimate(&imputer.score_area, 3),
+            imputer.p_for_90.map_or("-".to_owned(), |p| {
+                format!("{} {}", words::p_for_90(imputer, &p), words::ends(&p, 2))
+            }),
         ];
         let at = |p: &f64| imputer.cells.iter().find(|cell| cell.condition == Condition::Level(*p));
         let comparisons = levels.iter().map(|p| at(p).and_then(|cell| cell.comparison));
         row.extend(comparisons.filter(|_| group.baseline.is_some()).map(|comparison| {
-            let difference = comparison.map(|comparison| comparison.difference);
-            let sign = if difference.is_some_and(|difference| difference.value > 0.0) { "+" } else { "" };
-            format!("{sign}{}", estimate(&difference, 1))
+            comparison.map_or("-".to_owned(), |Comparison { difference, .. }| {
+                let half = (difference.high - difference.low) / 2.0;
+                format!("{} +- {}", words::signed(difference.value, 1), words::number(half, 1))
+            })
         }));
         row
     });
@@ -117,7 +130,7 @@ mod tests {
                 assert!(text.contains(&words::plus_minus(&cell.mean, 1)));
             }
         }
-        for mode in ["uniform", "asymmetric", "dynamic", "p = 0.6", "to maro at p = 0.2"] {
+        for mode in ["uniform", "asymmetric", "dynamic", "p = 0.6", "minus maro, p = 0.2"] {
             assert_eq!(text.matches(&format!("  {mode}")).count(), 2, "{mode}\n{text}");
         }
     }
@@ -133,8 +146,8 @@ mod tests {
             (imputer.return_area, imputer.score_area, imputer.p_for_90) = (None, None, None);
         }
         let text = text(&summary);
-        assert!(text.contains("dynamic") && !text.contains("to maro"), "{text}");
+        assert!(text.contains("dynamic") && !text.contains("minus maro"), "{text}");
         let rows = text.lines().filter(|line| line.starts_with("hold"));
-        assert_eq!(rows.map(|row| row.split_whitespace().count()).collect::<Vec<_>>(), [4]);
+        assert_eq!(rows.map(|row| row.split_whitespace().count()).collect::<Vec<_>>(), [4, 2]);
     }
 }

@@ -37,8 +37,7 @@ pub fn policies(n: usize) -> String {
 
 /// By how much the return is better and the spread over seeds smaller, in percent.
 pub fn improvement(improvement: f64, std_reduction: Option<f64>) -> [String; 2] {
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-    [percent(improvement), std_reduction.map_or("-".to_owned(), percent)]
+    [percent(improvement, 1), std_reduction.map_or("-".to_owned(), |share| percent(share, 1))]
 }
 
 /// What a claim is about, and what it comes to.
@@ -61,6 +60,23 @@ pub fn imputer<'a>(group: &'a Group, name: &str) -> Option<&'a ImputerSummary> {
     group.imputers.iter().find(|imputer| imputer.imputer == name)
 }
 
+/// Its name, and how many of the group's policies were played with it where not all were.
+pub fn played(group: &Group, imputer: &ImputerSummary) -> String {
+    let played = imputer.cells.iter().map(|cell| cell.seed_means.len()).max().unwrap_or_default();
+    match group.contenders.len() {
+        all if all == played => imputer.imputer.clone(),
+        all => format!("{} ({played} of {all})", imputer.imputer),
+    }
+}
+
+/// Where 90 % of the score is left: `<= 0.20` if that is the lowest level played.
+pub fn p_for_90(imputer: &ImputerSummary, p: &Interval) -> String {
+    let levels = imputer.cells.iter().filter_map(|cell| cell.condition.level());
+    let lowest = levels.fold(1.0, f64::min);
+    let at_most = if p.value == lowest && lowest > 0.0 { "<= " } else { "" };
+    format!("{at_most}{}", number(p.value, 2))
+}
+
 /// All imputers, in the order in which they first come.
 pub fn imputers(summary: &Summary) -> Vec<&str> {
     distinct(summary.groups.iter().flat_map(|group| &group.imputers).map(|imputer| &imputer.imputer[..]))
@@ -75,7 +91,7 @@ pub fn units(group: &Group) -> Vec<Unit> {
 
 /// A unit with what is measured in it, where the symbol alone would say nothing.
 pub fn unit(unit: Unit) -> &'static str {
-    if unit == Unit::One { "words" } else { unit.symbol() }
+    if unit == Unit::One { "colours and words" } else { unit.symbol() }
 }
 
 /// The errors of all ages.

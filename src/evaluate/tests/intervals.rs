@@ -5,13 +5,16 @@ use crate::rng::{Draws, Purpose};
 
 #[test]
 fn threads_make_no_difference_and_the_seed_does() {
-    assert_eq!(Summary::of(&two_seeds(), "maro", 1), Summary::of(&two_seeds(), "maro", 3));
+    assert_eq!(
+        Summary::of(&two_seeds(), &["maro"], 1).unwrap(),
+        Summary::of(&two_seeds(), &["maro"], 3).unwrap()
+    );
     let interval = |seed| {
         let returns: Vec<f64> = (0..40).map(|e| f64::from(e).sqrt()).collect();
         let cells = vec![cell(0, Level(0.0), "maro", &returns)];
         let mut evaluation = evaluation(vec![contender("hear-see", "mappo", 1)], vec![], cells);
         evaluation.settings.seed = seed;
-        only(Summary::of(&evaluation, "maro", 2)).imputers[0].cells[0].mean
+        only(Summary::of(&evaluation, &["maro"], 2).unwrap()).imputers[0].cells[0].mean
     };
     let (one, other) = (interval(1), interval(2));
     assert_eq!(one, interval(1));
@@ -30,8 +33,10 @@ fn pairs_stay_together() {
         cell(1, Level(0.5), "maro", &mirrored),
         cell(1, Level(0.5), "va", &mirrored),
     ];
-    let group =
-        only(Summary::of(&evaluation(vec![contender("hear-see", "mappo", 1); 2], vec![], cells), "maro", 1));
+    let group = only(
+        Summary::of(&evaluation(vec![contender("hear-see", "mappo", 1); 2], vec![], cells), &["maro"], 1)
+            .unwrap(),
+    );
     // 3 for one seed and 0 for the other, whatever the episodes; sums of 16 small whole numbers are exact.
     let comparison = group.imputers[1].cells[0].comparison.unwrap();
     assert_eq!(comparison.difference, Interval { value: 1.5, low: 1.5, high: 1.5 });
@@ -45,8 +50,10 @@ fn scores_move_with_the_random_team_and_with_what_is_lossless() {
     // Of two episodes the first, the second or both count. The scores are 1/2, 9/10 and 14/20.
     let cells = vec![cell(0, Level(1.0), "maro", &[0.0, 0.0]), cell(0, Level(0.0), "maro", &[-5.0, -1.0])];
     let random = vec![random("hear-see", &[-10.0, -10.0])];
-    let group =
-        only(Summary::of(&evaluation(vec![contender("hear-see", "mappo", 1)], random, cells), "maro", 1));
+    let group = only(
+        Summary::of(&evaluation(vec![contender("hear-see", "mappo", 1)], random, cells), &["maro"], 1)
+            .unwrap(),
+    );
     let [lossless, lossy] = &group.imputers[0].cells[..] else { panic!("two cells") };
     assert_eq!(lossless.score, Some(Interval { value: 1.0, low: 1.0, high: 1.0 }));
     assert_eq!(lossy.score, Some(Interval { value: 0.7, low: 0.5, high: 0.9 }));
@@ -67,7 +74,10 @@ fn what_is_no_better_than_random_has_no_score() {
             cell(0, Level(0.0), "maro", &[-9.0, -9.0, -9.0, -9.0]),
         ];
         let random = vec![random("hear-see", &[-8.0, -8.0, -8.0, -8.0])];
-        only(Summary::of(&evaluation(vec![contender("hear-see", "none", 0)], random, cells), "maro", 1))
+        only(
+            Summary::of(&evaluation(vec![contender("hear-see", "none", 0)], random, cells), &["maro"], 1)
+                .unwrap(),
+        )
     };
     for lossless in [[-9.0, -9.0, -9.0, -9.0], [-8.0, -8.0, -8.0, -8.0], [-1.0, -1.0, -1.0, -9.0]] {
         // The last is better, but may be worse in other episodes.
@@ -97,7 +107,7 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
         let random = vec![random("hear-see", &returns(-10.0))];
         let mut evaluation = evaluation(vec![contender("hear-see", "mappo", 1); 3], random, cells);
         evaluation.settings.seed = trial;
-        let group = only(Summary::of(&evaluation, "maro", 2));
+        let group = only(Summary::of(&evaluation, &["maro"], 2).unwrap());
         let covers = |interval: Interval, truth| interval.low <= truth && truth <= interval.high;
         let lossy = &group.imputers[0].cells[1];
         [covers(lossy.mean, -4.0), covers(lossy.iqm, -4.0), covers(lossy.score.unwrap(), 0.6)]
