@@ -78,7 +78,7 @@ fn overall(group: &Group) -> String {
     let mut header: Vec<String> =
         ["over p", "return area", "score area", "p for 90 %"].map(str::to_owned).to_vec();
     if let Some(baseline) = &group.baseline {
-        header.extend(levels.iter().map(|p| format!("minus {baseline}, p = {p}")));
+        header.extend(levels.iter().map(|p| format!("vs {baseline}, p = {p}")));
     }
     let rows = group.imputers.iter().map(|imputer| {
         let estimate = |interval: &Option<_>, decimals| {
@@ -130,7 +130,7 @@ mod tests {
                 assert!(text.contains(&words::plus_minus(&cell.mean, 1)));
             }
         }
-        for mode in ["uniform", "asymmetric", "dynamic", "p = 0.6", "minus maro, p = 0.2"] {
+        for mode in ["uniform", "asymmetric", "dynamic", "p = 0.6", "vs maro, p = 0.2"] {
             assert_eq!(text.matches(&format!("  {mode}")).count(), 2, "{mode}\n{text}");
         }
     }
@@ -146,7 +146,7 @@ mod tests {
             (imputer.return_area, imputer.score_area, imputer.p_for_90) = (None, None, None);
         }
         let text = text(&summary);
-        assert!(text.contains("dynamic") && !text.contains("minus maro"), "{text}");
+        assert!(text.contains("dynamic") && !text.contains("vs maro"), "{text}");
         let rows = text.lines().filter(|line| line.starts_with("hold"));
         assert_eq!(rows.map(|row| row.split_whitespace().count()).collect::<Vec<_>>(), [4, 2]);
     }
