@@ -42,6 +42,11 @@ impl AgentProcess {
         Ok(AgentProcess { index, child, stderr: Some(stderr) })
     }
 
+    /// Its process id.
+    pub(super) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// An error if the process has ended, with what it said last.
     pub(super) fn check_alive(&mut self) -> Result<()> {
         match self.child.try_wait() {

@@ -80,6 +80,11 @@ impl Processes {
         Ok(swarm)
     }
 
+    /// The process ids of the agents.
+    pub fn process_ids(&self) -> impl Iterator<Item = u32> + '_ {
+        self.agents.iter().map(AgentProcess::id)
+    }
+
     fn send_sensors(&mut self, tick: &Tick) -> Result<()> {
         let words = self.layout.sensor_words(tick.worlds);
         for agent in 0..self.agents.len() {
