@@ -2,7 +2,11 @@
 
 mod common;
 
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
 use common::{fail, succeed};
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 fn json(words: &str) -> Value {
@@ -71,4 +75,109 @@ fn what_a_swarm_costs_is_said_for_each_size() {
     assert_eq!(sizes("by_worlds"), [[4, 3, 3 * 48]]);
     assert!(measured["tick_exponents"]["agents"].is_f64() && measured["tick_exponents"]["worlds"].is_null());
     fail("bench spawn --agents 65", 2, &["--agents"]);
+}
+
+#[test]
+fn hops_over_all_media_stand_beside_the_floor_and_plain_iceoryx2() {
+    let folder = tempfile::tempdir().unwrap();
+    let svg = folder.path().join("latency.svg");
+    let words = format!("--agents 2 --payloads 64,65536 --seconds 0.1 --json --svg {}", svg.display());
+    let measured = json(&format!("bench latency {words}"));
+    positive(&measured["clock_ns"]);
+    let hops = measured["hops"].as_array().unwrap();
+    assert_eq!(hops.len(), 7 * 2 * 2, "media, waits, sizes");
+    for hop in hops {
+        let like = |medium: &str| {
+            let same = |other: &&Value| {
+                other["medium"] == medium && ["wait", "payload"].iter().all(|key| other[key] == hop[key])
+            };
+            hops.iter().find(same).unwrap()
+        };
+        for what in ["hop", "whole"] {
+            check_times(&hop[what]);
+            for (ratios, medium) in [("ratio_to_floor", "futex"), ("ratio_to_plain", "plain")] {
+                for (name, ratio) in hop[what][ratios].as_object().unwrap() {
+                    let us = |hop: &Value| positive(&hop[what][format!("{name}_us")]);
+                    assert_eq!(positive(ratio), us(hop) / us(like(medium)), "{hop}");
+                }
+                assert_eq!(hop[what][ratios].as_object().unwrap().len(), 5);
+            }
+        }
+        assert!(positive(&hop["hop"]["p50_us"]) <= positive(&hop["whole"]["p50_us"]), "{hop}");
+    }
+    let ticks = measured["ticks"].as_array().unwrap();
+    assert_eq!(ticks.len(), 2 * 2, "waits, sizes");
+    for tick in ticks {
+        for what in ["tick", "bare", "decision", "imputer", "policy", "age"] {
+            check_times(&tick[what]);
+        }
+        assert_eq!(positive(&tick["payload"]), 32.0 * positive(&tick["worlds"]));
+        let [ticks, of_agents] = ["tick", "age"].map(|what| tick[what]["count"].as_u64().unwrap());
+        assert_eq!(of_agents, 2 * ticks, "each of two agents has one peer");
+        let ratio = positive(&tick["tick"]["p50_us"]) / positive(&tick["bare"]["p50_us"]);
+        assert_eq!(tick["ratio_to_bare"]["p50"], ratio);
+    }
+    let svg = std::fs::read_to_string(svg).unwrap();
+    for part in ["our bus", "plain iceoryx2", "memory and futex", "UDP", "tick of 2", "share that takes longer"] {
+        assert!(svg.contains(part), "{part}");
+    }
+}
+
+#[test]
+fn requests_that_cannot_be_measured() {
+    for payloads in ["63", "66", "65540", "many"] {
+        fail(&format!("bench latency --payloads {payloads}"), 2, &["multiple of 4 from 64 to 65536"]);
+    }
+    fail("bench latency --agents 1", 2, &["--agents"]);
+    fail("bench latency --seconds 0", 2, &["0.1 seconds"]);
+    fail("bench latency --svg no/such/folder/latency.svg", 1, &["no folder"]);
+    fail("peer {}", 2, &["for `bench latency`"]);
+}
+
+/// A measurement that is at its first hop, and the peer of it.
+fn measuring() -> (Child, Pid) {
+    let words = "bench latency --agents 2 --payloads 64 --wait block --seconds 100";
+    let started = common::command(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while Instant::now() < deadline {
+        // The settings are those of this program only once it runs.
+        let peers = common::children(started.id());
+        if let Some(peer) = peers.first().filter(|peer| common::settings_of(**peer).is_some()) {
+            return (started, *peer);
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    panic!("no peer is started");
+}
+
+/// Waits for a measurement to end: exit code and stderr.
+fn ended(mut measuring: Child) -> (Option<i32>, String) {
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while measuring.try_wait().unwrap().is_none() {
+        assert!(Instant::now() < deadline, "it does not end");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let output = measuring.wait_with_output().unwrap();
+    (output.status.code(), common::stderr(&output))
+}
+
+#[test]
+fn a_peer_that_is_killed_ends_the_measurement() {
+    let (measuring, peer) = measuring();
+    let tag = common::settings_of(peer).unwrap()["role"]["echo"]["tag"].as_str().unwrap().to_owned();
+    kill_process(peer, Signal::KILL).unwrap();
+    let (code, stderr) = ended(measuring);
+    assert_eq!(code, Some(1));
+    assert!(stderr.contains("the peer over") && stderr.contains("signal 9"), "{stderr}");
+    common::assert_gone(&[peer], &tag);
+}
+
+#[test]
+fn interrupting_a_measurement_leaves_nothing() {
+    let (measuring, peer) = measuring();
+    let tag = common::settings_of(peer).unwrap()["role"]["echo"]["tag"].as_str().unwrap().to_owned();
+    kill_process(Pid::from_child(&measuring), Signal::TERM).unwrap();
+    let (code, stderr) = ended(measuring);
+    assert_eq!(code, Some(130), "{stderr}");
+    common::assert_gone(&[peer], &tag);
 }

@@ -5,12 +5,13 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
+use super::pin::Pinned;
 use crate::agents::{AgentSettings, ImputerName, PREFERRED, PolicySource, dims, paper_actor};
 use crate::bus::Wait;
 use crate::error::{Error, Result};
 use crate::link::{LinkModel, Links};
 use crate::nn::{Networks, Policy};
-use crate::supervisor::{Decisions, Processes, Stage, Team, signals};
+use crate::supervisor::{Decisions, Processes, Stage, Team};
 use crate::world::{EPISODE_STEPS, Task};
 
 /// What a team of some size plays with: its task, and the paper's networks with random weights in a file.
@@ -76,7 +77,6 @@ impl Played {
 
     /// Plays one step; how long it took from the first sensor message to the last decision.
     pub fn tick(&mut self) -> Result<Duration> {
-        signals::check_stop()?;
         let Played { stage, team, decisions } = self;
         if stage.tick().worlds == 0 || stage.tick().step as usize == EPISODE_STEPS {
             stage.begin_episodes(u64::MAX);
@@ -90,18 +90,17 @@ impl Played {
         Ok(elapsed)
     }
 
-    /// Plays for so long, at least ten steps, after a tenth of it to warm up, and tells `each` of every step after that.
+    /// Plays for so long, at least ten steps, after a tenth of it to warm up, and tells `each` of the steps after that.
+    /// Each process has a core of its own where there are enough.
     pub fn play(&mut self, longest: Duration, mut each: impl FnMut(&Processes, Duration)) -> Result<()> {
-        for (longest, least, counts) in [(longest / 10, 5, false), (longest, 10, true)] {
-            let (began, mut ticks) = (Instant::now(), 0);
-            while ticks < least || began.elapsed() < longest {
-                let elapsed = self.tick()?;
-                ticks += 1;
-                if counts {
-                    each(&self.team, elapsed);
-                }
+        let processes: Vec<u32> = self.team.process_ids().collect();
+        let _pinned = Pinned::new(&processes);
+        super::repeat(longest, |counts| {
+            let elapsed = self.tick()?;
+            if counts {
+                each(&self.team, elapsed);
             }
-        }
-        Ok(())
+            Ok(())
+        })
     }
 }

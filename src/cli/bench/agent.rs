@@ -1,7 +1,7 @@
 //! `bench agent`: what a decision takes.
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use clap::Args;
 use serde_json::json;
@@ -10,7 +10,7 @@ use super::some_seconds;
 use crate::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims, now_ns};
 use crate::cli::{keep_candle_to_its_thread, print, print_json, table, tell};
 use crate::error::Result;
-use crate::latency::Distribution;
+use crate::latency::{Distribution, repeat};
 use crate::nn::{ActorKind, Networks, Policy, kernels, reference};
 use crate::supervisor::signals;
 use crate::world::Task;
@@ -145,7 +145,9 @@ impl Measured {
         let observation: Vec<f32> = numbers(task.padded_obs_dim());
         let received = Some(Received { tick: 1, observation: &observation });
         agent.begin_episode(worlds);
-        repeat(longest, |counts, step| {
+        let mut step = 0;
+        repeat(longest, |counts| {
+            step += 1;
             let began = now_ns();
             for world in 0..worlds {
                 black_box(agent.fuse(world, &observation, &Inbox::of(task.n_agents(), |_| received)));
@@ -160,6 +162,7 @@ impl Measured {
                 self.decision.record(acted - began);
                 self.predict.record(now_ns() - acted);
             }
+            Ok(())
         })
     }
 
@@ -175,12 +178,13 @@ impl Measured {
             weights.iter().for_each(|values| _ = black_box(kernels::sum(values)));
             now_ns() - began
         };
-        repeat(longest, |counts, _| {
+        repeat(longest, |counts| {
             let (actor, predictor) = (read(&actor), read(&predictor));
             if counts {
                 self.stream_actor.record(actor);
                 self.stream_predictor.record(predictor);
             }
+            Ok(())
         })
     }
 
@@ -189,7 +193,7 @@ impl Measured {
         let mut actor = reference::Actor::new(policy, 0, rows);
         let mut predictor = reference::Predictor::new(policy, PREFERRED, rows);
         let inputs = numbers(rows * task.joint_dim());
-        repeat(longest, |counts, _| {
+        repeat(longest, |counts| {
             let began = now_ns();
             black_box(actor.forward(rows, &inputs));
             let acted = now_ns();
@@ -198,20 +202,9 @@ impl Measured {
                 self.candle_actor.record(acted - began);
                 self.candle_predictor.record(now_ns() - acted);
             }
+            Ok(())
         })
     }
-}
-
-/// Calls `once` for so long, after a tenth of it to warm up, with whether it counts and how often it was called.
-fn repeat(longest: Duration, mut once: impl FnMut(bool, u32)) -> Result<()> {
-    let began = Instant::now();
-    let mut calls = 0;
-    while began.elapsed() < longest + longest / 10 {
-        signals::check_stop()?;
-        once(began.elapsed() > longest / 10, calls);
-        calls += 1;
-    }
-    Ok(())
 }
 
 /// Numbers in [-1, 1] without a pattern that matters.

@@ -1,6 +1,7 @@
 //! `bench`: what this machine reaches, one file per measurement.
 
 mod agent;
+mod latency;
 mod spawn;
 mod train;
 mod world;
@@ -20,6 +21,8 @@ pub struct Bench {
 enum What {
     /// Training: env steps/s, where the time goes, and the same with candle
     Train(train::BenchTrain),
+    /// Latency: hops between processes over our bus and others, ticks, decisions
+    Latency(latency::BenchLatency),
     /// Worlds: env steps/s on one core
     World(world::BenchWorld),
     /// One agent: a decision, beside reading its weights once and candle's forward pass
@@ -33,6 +36,7 @@ impl Bench {
     pub fn run(self) -> Result<()> {
         match self.what {
             What::Train(command) => command.run(),
+            What::Latency(command) => command.run(),
             What::World(command) => command.run(),
             What::Agent(command) => command.run(),
             What::Spawn(command) => command.run(),
