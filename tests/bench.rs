@@ -73,7 +73,11 @@ fn what_a_swarm_costs_is_said_for_each_size() {
     };
     assert_eq!(sizes("by_agents"), [[1, 1, 24], [2, 1, 32]]);
     assert_eq!(sizes("by_worlds"), [[4, 3, 3 * 48]]);
-    assert!(measured["tick_exponents"]["agents"].is_f64() && measured["tick_exponents"]["worlds"].is_null());
+    let bare = measured["by_payload"].as_array().unwrap();
+    bare.iter().for_each(|bare| check_times(&bare["tick"]));
+    assert_eq!((&bare[0]["payload"], &bare[5]["payload"]), (&64.into(), &65536.into()));
+    let exponents = &measured["tick_exponents"];
+    assert!(exponents["agents"].is_f64() && exponents["worlds"].is_null() && exponents["payload"].is_f64());
     fail("bench spawn --agents 65", 2, &["--agents"]);
 }
 
@@ -116,11 +120,39 @@ fn hops_over_all_media_stand_beside_the_floor_and_plain_iceoryx2() {
         assert_eq!(of_agents, 2 * ticks, "each of two agents has one peer");
         let ratio = positive(&tick["tick"]["p50_us"]) / positive(&tick["bare"]["p50_us"]);
         assert_eq!(tick["ratio_to_bare"]["p50"], ratio);
+        assert!(positive(&tick["needed_us"]) > positive(&tick["bare"]["p50_us"]));
     }
     let svg = std::fs::read_to_string(svg).unwrap();
-    for part in ["our bus", "plain iceoryx2", "memory and futex", "UDP", "tick of 2", "share that takes longer"] {
+    for part in
+        ["our bus", "plain iceoryx2", "memory and futex", "UDP", "2 agents", "share that takes longer"]
+    {
         assert!(svg.contains(part), "{part}");
     }
+}
+
+#[test]
+fn what_got_slower_since_an_earlier_result_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("before.json");
+    let words = format!("bench world --tasks SXY-4 --seconds 0.1 --rounds 1 --compare {}", path.display());
+    let before = |env_steps_per_s: f64| {
+        let task =
+            serde_json::json!({ "task": "spread-xy-4", "agents": 4, "env_steps_per_s": env_steps_per_s });
+        std::fs::write(&path, serde_json::json!({ "tasks": [task] }).to_string()).unwrap();
+    };
+    before(1e15);
+    let slower = &json(&format!("{words} --json"))["slower"];
+    assert_eq!(slower.as_array().unwrap().len(), 1);
+    assert_eq!(slower[0]["figure"], "tasks, task spread-xy-4, agents 4: env_steps_per_s");
+    assert_eq!(positive(&slower[0]["times"]), 1e15 / positive(&slower[0]["now"]));
+    assert!(succeed(&words).contains("1 of 1 figures got worse"));
+    before(1.0);
+    assert!(succeed(&words).contains("none of 1 figures got worse"));
+    std::fs::write(&path, "{}").unwrap();
+    fail(&words, 2, &["before.json", "same command"]);
+    std::fs::write(&path, "no JSON").unwrap();
+    fail(&words, 2, &["--compare", "--json"]);
+    fail("bench spawn --compare no/such/file", 2, &["no/such/file"]);
 }
 
 #[test]
@@ -137,7 +169,7 @@ fn requests_that_cannot_be_measured() {
 /// A measurement that is at its first hop, and the peer of it.
 fn measuring() -> (Child, Pid) {
     let words = "bench latency --agents 2 --payloads 64 --wait block --seconds 100";
-    let started = common::command(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut started = common::command(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let deadline = Instant::now() + Duration::from_secs(30);
     while Instant::now() < deadline {
         // The settings are those of this program only once it runs.
@@ -147,6 +179,7 @@ fn measuring() -> (Child, Pid) {
         }
         std::thread::sleep(Duration::from_millis(5));
     }
+    started.kill().and_then(|()| started.wait()).unwrap();
     panic!("no peer is started");
 }
 

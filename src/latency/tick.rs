@@ -59,6 +59,12 @@ impl Tick {
         Ok(measured)
     }
 
+    /// What a tick cannot do without on so many cores: a bare tick, and the decisions of all agents, in microseconds.
+    pub fn needed_us(&self, cores: usize) -> f64 {
+        let turns = (self.agents as f64 / cores as f64).max(1.0);
+        self.bare.quantile_us(0.5) + turns * self.decision.quantile_us(0.5)
+    }
+
     /// Takes in what the agents say of a tick.
     fn record(&mut self, times: &[AgentTimes]) {
         for (agent, AgentTimes { decision, decided_ns, .. }) in times.iter().enumerate() {
@@ -103,5 +109,8 @@ mod tests {
         assert_eq!(ends(&tick.policy), [40.0, 50.0]);
         // 1110 - 1050 and 1150 - 1000.
         assert_eq!(ends(&tick.age), [60.0, 150.0]);
+        tick.bare.record(1000);
+        assert!((tick.needed_us(1) - 1.1).abs() < 1e-9, "two decisions of 50 ns each on one core");
+        assert!((tick.needed_us(8) - 1.05).abs() < 1e-9);
     }
 }

@@ -6,9 +6,10 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
+use super::compare::Output;
 use super::some_seconds;
 use crate::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims, now_ns};
-use crate::cli::{keep_candle_to_its_thread, print, print_json, table, tell};
+use crate::cli::{keep_candle_to_its_thread, table, tell};
 use crate::error::Result;
 use crate::latency::{Distribution, repeat};
 use crate::nn::{ActorKind, Networks, Policy, kernels, reference};
@@ -35,9 +36,8 @@ pub struct BenchAgent {
     #[arg(long, value_name = "S", default_value_t = 0.3, value_parser = some_seconds)]
     seconds: f64,
 
-    /// Print the figures as one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// How often everything is measured in turn.
@@ -75,21 +75,20 @@ impl BenchAgent {
                 measured.candle(&task, &policy, *rows, longest)?;
             }
         }
-        if self.json {
-            let cases: Vec<_> =
-                measured.iter().map(|((kind, rows), measured)| measured.json(*kind, *rows)).collect();
-            return print_json(&json!({ "task": task.id(), "cases": cases }));
-        }
-        print(&format!("{}, one thread; medians of {} s, microseconds\n\n", task.id(), self.seconds))?;
-        let columns: Vec<_> = measured.iter().map(|(_, measured)| measured.values()).collect();
-        let rows = FIGURES.iter().enumerate().map(|(at, (_, name))| {
-            let values = columns.iter().map(|column| format!("{:.2}", column[at]));
-            std::iter::once((*name).to_owned()).chain(values).collect()
-        });
-        let names: Vec<String> = measured.iter().map(|((kind, rows), _)| format!("{kind}, {rows}")).collect();
-        let header: Vec<&str> =
-            std::iter::once("actor, worlds").chain(names.iter().map(String::as_str)).collect();
-        print(&table(&header, rows))
+        let cases: Vec<_> =
+            measured.iter().map(|((kind, rows), measured)| measured.json(*kind, *rows)).collect();
+        self.output.print(json!({ "task": task.id(), "cases": cases }), || {
+            let columns: Vec<_> = measured.iter().map(|(_, measured)| measured.values()).collect();
+            let rows = FIGURES.iter().enumerate().map(|(at, (_, name))| {
+                let values = columns.iter().map(|column| format!("{:.2}", column[at]));
+                std::iter::once((*name).to_owned()).chain(values).collect()
+            });
+            let names = measured.iter().map(|((kind, rows), _)| format!("{kind}, {rows}"));
+            let header: Vec<String> = std::iter::once("actor, worlds".to_owned()).chain(names).collect();
+            let header: Vec<&str> = header.iter().map(String::as_str).collect();
+            let table = table(&header, rows);
+            format!("{}, one thread; medians of {} s, microseconds\n\n{table}", task.id(), self.seconds)
+        })
     }
 }
 

@@ -1,16 +1,18 @@
 //! `bench latency`: hops between processes, ticks, and what agents do in them.
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
 use serde_json::{Map, Value, json};
 
+use super::compare::Output;
 use super::some_seconds;
 use crate::agents::now_ns;
 use crate::bus::Wait;
-use crate::cli::{print, print_json, table, tell};
-use crate::error::Result;
+use crate::cli::{table, tell};
+use crate::error::{Error, Result};
 use crate::file::AtomicFile;
 use crate::latency::{Distribution, Hop, Medium, OVERRUN, PAYLOADS, QUANTILES, Setup, Tick};
 use crate::plot::{Figure, Panel, Point, Series};
@@ -29,9 +31,10 @@ Hop: from the moment all bytes of a message are in their place until its receive
 between two processes. `whole` has more: room for the message, writing every byte, the hop, reading every
 byte. Where both have a core of their own they are pinned to it.
 Tick: from the first sensor message sent to the last action received; `bare` is the same pattern over
-plain iceoryx2 by agents without networks. Decision: from having received everything to publishing the
-action. Age: of a peer's observation, when a policy uses it. The agents have the paper's networks.
-An overrun took longer than a millisecond.")]
+plain iceoryx2 by agents without networks; needed are a bare tick and the decisions, shared by the cores.
+Decision: from having received everything to publishing the action, with imputer and policy as its parts.
+Age: of a peer's observation, when a policy uses it. The agents have the paper's networks for
+spread-blindfold. An overrun took longer than a millisecond.")]
 pub struct BenchLatency {
     /// Sizes of teams
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,4,8,12",
@@ -55,9 +58,8 @@ pub struct BenchLatency {
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
 
-    /// Print the figures as one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// What is measured.
@@ -77,14 +79,11 @@ impl BenchLatency {
         let measured = self.measure()?;
         if let Some(mut file) = svg {
             let path = file.path().to_owned();
-            std::io::Write::write_all(&mut file, measured.figure().to_log_svg().as_bytes())
-                .map_err(|e| crate::error::Error::io("write", &path, e))?;
+            let drawing = measured.figure().to_log_svg();
+            file.write_all(drawing.as_bytes()).map_err(|e| Error::io("write", &path, e))?;
             file.commit()?;
         }
-        if self.json {
-            return print_json(&measured.json());
-        }
-        print(&measured.text())
+        self.output.print(measured.json(), || measured.text())
     }
 
     fn measure(&self) -> Result<Measured> {
@@ -144,6 +143,8 @@ impl Measured {
                 "tick": tick.tick.json(),
                 "bare": tick.bare.json(),
                 "ratio_to_bare": tick.tick.ratios(&tick.bare),
+                "needed_us": tick.needed_us(cores()),
+                "ratio_to_needed": tick.tick.quantile_us(0.5) / tick.needed_us(cores()),
                 "decision": tick.decision.json(),
                 "imputer": tick.imputer.json(),
                 "policy": tick.policy.json(),
@@ -185,12 +186,12 @@ impl Measured {
             ];
             rows.map(|(what, of)| {
                 let labels = [tick.agents, tick.payload].map(|n| n.to_string());
-                let ratio = if what == "tick" { ratio(of, &tick.bare) } else { String::new() };
-                let row = [vec![what.to_owned(), name(tick.wait)], labels.to_vec(), times(of), vec![ratio]];
-                row.concat()
+                let needed = format!("{:.2}", of.quantile_us(0.5) / tick.needed_us(cores()));
+                let ratios = if what == "tick" { vec![ratio(of, &tick.bare), needed] } else { Vec::new() };
+                [vec![what.to_owned(), name(tick.wait)], labels.to_vec(), times(of), ratios].concat()
             })
         });
-        let ticks = table(&header(&["what", "wait", "agents", "bytes"], &["/bare"]), ticks);
+        let ticks = table(&header(&["what", "wait", "agents", "bytes"], &["/bare", "/needed"]), ticks);
         format!(
             "microseconds; reading the clock takes {:.0} ns, once in each; {}\n\nhops\n{hops}\nticks\n{ticks}",
             self.clock_ns,
@@ -201,7 +202,7 @@ impl Measured {
         )
     }
 
-    /// Hops by size, and the tails of hops and ticks at the smallest size, for each way to wait.
+    /// Hops by size, and at the smallest size the tails of hops, ticks, decisions and ages, for each way to wait.
     fn figure(&self) -> Figure {
         let mut waits: Vec<Wait> = self.hops.iter().map(|hop| hop.wait).collect();
         waits.dedup();
@@ -224,27 +225,34 @@ impl Measured {
             let hops = self.hops.iter().filter(|hop| hop.wait == *wait && hop.payload == smallest);
             let series = hops.map(|hop| Series { name: hop.medium.to_string(), points: tail(&hop.hop) });
             let title = format!("hops of {smallest} bytes, {}", name(*wait));
-            panel(title, "microseconds", "share that takes longer", series.collect())
+            panel(title, "hop, microseconds", "share that takes longer", series.collect())
         });
-        let ticks = waits.iter().map(|wait| {
-            let ticks = self.ticks.iter().filter(|tick| tick.wait == *wait);
-            let ticks: Vec<&Tick> = ticks.collect();
-            let smallest = |tick: &&&Tick| {
-                let same = ticks.iter().filter(|other| other.agents == tick.agents);
-                same.map(|other| other.payload).min() == Some(tick.payload)
-            };
-            let series = ticks
-                .iter()
-                .filter(smallest)
-                .map(|tick| Series { name: format!("tick of {}", tick.agents), points: tail(&tick.tick) });
-            let title = format!("ticks, {}", name(*wait));
-            panel(title, "microseconds", "share that takes longer", series.collect())
+        let smallest = |tick: &&Tick| {
+            let same = self.ticks.iter().filter(|other| other.agents == tick.agents);
+            same.map(|other| other.payload).min() == Some(tick.payload)
+        };
+        let parts: [(&str, Part); 3] =
+            [("tick", |tick| &tick.tick), ("decision", |tick| &tick.decision), ("age", |tick| &tick.age)];
+        let ticks = parts.iter().flat_map(|(what, of)| waits.iter().map(move |wait| (*what, *of, *wait)));
+        let ticks = ticks.map(|(what, of, wait)| {
+            let ticks = self.ticks.iter().filter(smallest).filter(|tick| tick.wait == wait);
+            let series =
+                ticks.map(|tick| Series { name: format!("{} agents", tick.agents), points: tail(of(tick)) });
+            let x_label = format!("{what}, microseconds");
+            panel(format!("{what}, {}", name(wait)), &x_label, "share that takes longer", series.collect())
         });
         Figure {
             title: "Latency between processes".to_owned(),
             panels: by_size.chain(tails).chain(ticks).collect(),
         }
     }
+}
+
+/// A distribution of a tick.
+type Part = fn(&Tick) -> &Distribution;
+
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn pairs(waits: &[Wait], payloads: &[usize]) -> Vec<(Wait, usize)> {

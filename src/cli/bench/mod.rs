@@ -1,6 +1,7 @@
 //! `bench`: what this machine reaches, one file per measurement.
 
 mod agent;
+mod compare;
 mod latency;
 mod spawn;
 mod train;

@@ -3,13 +3,14 @@
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use serde_json::json;
+use serde_json::{Map, Value, json};
 
+use super::compare::Output;
 use super::{median, some_seconds};
 use crate::bus::Wait;
-use crate::cli::{print, print_json, table, tell};
+use crate::cli::{table, tell};
 use crate::error::Result;
-use crate::latency::{Distribution, Memory, Played, Setup, exponent};
+use crate::latency::{BareTeam, Distribution, Memory, Played, Setup, exponent};
 use crate::rng::MAX_AGENTS;
 use crate::supervisor::signals;
 
@@ -24,7 +25,9 @@ Agents are processes with the paper's networks for spread-blindfold. A start is 
 reading the policy file to the end of the first tick: the median of three. Memory is the mean over
 the agents after playing: all pages, pages divided among the processes that have them, and pages of
 one agent alone. A tick goes from the first sensor message to the last decision: its median.
-Exponents are those of the power laws that fit best.")]
+With the number of worlds grow the messages and the decisions; what messages alone do is measured
+with four agents that have no networks, over plain iceoryx2. Exponents are those of the power laws
+that fit best.")]
 pub struct BenchSpawn {
     /// Sizes of teams, each in one world
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,4,8,16,32,64",
@@ -44,13 +47,15 @@ pub struct BenchSpawn {
     #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = some_seconds)]
     seconds: f64,
 
-    /// Print the figures as one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Size of the team that plays in several worlds.
 const TEAM: usize = 4;
+
+/// Bytes of the messages of agents without networks.
+const PAYLOADS: [usize; 6] = [64, 256, 1024, 4096, 16384, 65536];
 
 /// Starts of a swarm.
 const STARTS: usize = 3;
@@ -69,6 +74,13 @@ struct Swarm {
     tick: Distribution,
 }
 
+/// Ticks with nothing in them.
+struct Bare {
+    /// Bytes of an observation message.
+    payload: usize,
+    tick: Distribution,
+}
+
 impl BenchSpawn {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
@@ -77,31 +89,36 @@ impl BenchSpawn {
         let by_agents = by_agents.collect::<Result<Vec<Swarm>>>()?;
         let by_worlds = self.worlds.iter().map(|worlds| self.measure(TEAM, *worlds as usize));
         let by_worlds = by_worlds.collect::<Result<Vec<Swarm>>>()?;
-        let growth = |swarms: &[Swarm], x: &dyn Fn(&Swarm) -> usize| {
-            let points = swarms.iter().map(|swarm| (x(swarm) as f64, swarm.tick.quantile_us(0.5)));
-            let exponent = exponent(&points.collect::<Vec<_>>());
-            (!exponent.is_nan()).then_some(exponent)
+        let by_payload = PAYLOADS.iter().map(|payload| self.measure_bare(*payload));
+        let by_payload = by_payload.collect::<Result<Vec<Bare>>>()?;
+        let points = |swarms: &[Swarm], x: fn(&Swarm) -> usize| -> Vec<(f64, f64)> {
+            swarms.iter().map(|swarm| (x(swarm) as f64, swarm.tick.quantile_us(0.5))).collect()
         };
-        let with_agents = growth(&by_agents, &|swarm| swarm.agents);
-        let with_worlds = growth(&by_worlds, &|swarm| swarm.worlds);
-        if self.json {
-            let list = |swarms: &[Swarm]| swarms.iter().map(Swarm::json).collect::<Vec<_>>();
-            return print_json(&json!({
-                "wait": self.wait,
-                "by_agents": list(&by_agents),
-                "by_worlds": list(&by_worlds),
-                "tick_exponents": { "agents": with_agents, "worlds": with_worlds },
-            }));
-        }
-        const HEADER: [&str; 9] =
-            ["agents", "worlds", "bytes", "start ms", "RSS MiB", "PSS", "private", "tick p50 us", "p99"];
-        print(&table(&HEADER, by_agents.iter().chain(&by_worlds).map(Swarm::row)))?;
-        let exponents = [("agents", with_agents), ("worlds", with_worlds)];
-        let words = exponents.map(|(what, exponent)| Some(format!("{what}^{:.2}", exponent?)));
-        print(&format!(
-            "\nthe tick grows as {}\n",
-            words.into_iter().flatten().collect::<Vec<_>>().join(", ")
-        ))
+        let bare = by_payload.iter().map(|bare| (bare.payload as f64, bare.tick.quantile_us(0.5)));
+        let exponents = [
+            ("agents", exponent(&points(&by_agents, |swarm| swarm.agents))),
+            ("worlds", exponent(&points(&by_worlds, |swarm| swarm.worlds))),
+            ("payload", exponent(&bare.collect::<Vec<_>>())),
+        ];
+        let list = |swarms: &[Swarm]| swarms.iter().map(Swarm::json).collect::<Vec<_>>();
+        let result = json!({
+            "wait": self.wait,
+            "by_agents": list(&by_agents),
+            "by_worlds": list(&by_worlds),
+            "by_payload": by_payload.iter().map(Bare::json).collect::<Vec<_>>(),
+            // One that no two points fit is NaN, which JSON has as null.
+            "tick_exponents": exponents.iter().map(|(x, b)| ((*x).to_owned(), json!(b))).collect::<Map<_, _>>(),
+        });
+        self.output.print(result, || {
+            const HEADER: [&str; 9] =
+                ["agents", "worlds", "bytes", "start ms", "RSS MiB", "PSS", "private", "tick p50 us", "p99"];
+            let swarms = table(&HEADER, by_agents.iter().chain(&by_worlds).map(Swarm::row));
+            let bare =
+                table(&["agents", "bytes", "bare tick p50 us", "p99"], by_payload.iter().map(Bare::row));
+            let fitted = exponents.iter().filter(|(_, exponent)| exponent.is_finite());
+            let words: Vec<String> = fitted.map(|(x, exponent)| format!("{x}^{exponent:.2}")).collect();
+            format!("{swarms}\n{bare}\nthe tick grows as {}\n", words.join(", "))
+        })
     }
 
     fn measure(&self, agents: usize, worlds: usize) -> Result<Swarm> {
@@ -137,10 +154,29 @@ impl BenchSpawn {
             tick,
         })
     }
+
+    fn measure_bare(&self, payload: usize) -> Result<Bare> {
+        tell(&format!("{TEAM} agents without networks, {payload} bytes"));
+        let mut tick = Distribution::default();
+        let mut team = BareTeam::start(TEAM, payload, self.wait)?;
+        team.play(Duration::from_secs_f64(self.seconds), |elapsed| tick.record(elapsed.as_nanos() as u64))?;
+        Ok(Bare { payload, tick })
+    }
+}
+
+impl Bare {
+    fn json(&self) -> Value {
+        json!({ "agents": TEAM, "payload": self.payload, "tick": self.tick.json() })
+    }
+
+    fn row(&self) -> Vec<String> {
+        let row = [TEAM, self.payload].map(|n| n.to_string()).into_iter();
+        row.chain([0.5, 0.99].map(|quantile| format!("{:.1}", self.tick.quantile_us(quantile)))).collect()
+    }
 }
 
 impl Swarm {
-    fn json(&self) -> serde_json::Value {
+    fn json(&self) -> Value {
         json!({
             "agents": self.agents,
             "worlds": self.worlds,

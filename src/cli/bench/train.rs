@@ -5,9 +5,10 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
+use super::compare::Output;
 use super::{median, some_seconds};
 use crate::bus::Wait;
-use crate::cli::{keep_candle_to_its_thread, print, print_json, table, tell, train};
+use crate::cli::{keep_candle_to_its_thread, table, tell, train};
 use crate::error::Result;
 use crate::supervisor::{InProcess, Processes, Team, signals};
 use crate::train::{Backend, Config, Layer, Preset, Throughput, Trainer, matmul_rate, test_duration};
@@ -44,9 +45,8 @@ pub struct BenchTrain {
     #[arg(long)]
     in_process: bool,
 
-    /// Print the figures as one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// What is measured of a task.
@@ -80,19 +80,12 @@ impl BenchTrain {
             }
         }
         let rate = median(rates);
-        if self.json {
-            let tasks: Vec<_> = measured.iter().map(|measured| measured.json(rate, threads)).collect();
-            return print_json(
-                &json!({ "threads": threads, "matmul_gflop_per_s": rate / 1e9, "tasks": tasks }),
-            );
-        }
-        let processes = if self.in_process { "in-process" } else { "agents as processes" };
-        print(&format!(
-            "{threads} threads, {processes}; median of {} rounds of {} s\nmatmul 250 x 256 x 256   {:.0} GFLOP/s\n\n",
-            self.rounds,
-            self.seconds,
-            rate / 1e9
-        ))?;
+        let tasks: Vec<_> = measured.iter().map(|measured| measured.json(rate, threads)).collect();
+        let result = json!({ "threads": threads, "matmul_gflop_per_s": rate / 1e9, "tasks": tasks });
+        self.output.print(result, || self.text(&measured, rate, threads))
+    }
+
+    fn text(&self, measured: &[Measured], rate: f64, threads: usize) -> String {
         let columns: Vec<_> = measured.iter().map(|measured| measured.column(rate, threads)).collect();
         let rows = FIGURES.iter().enumerate().map(|(at, (_, name))| {
             std::iter::once((*name).to_owned())
@@ -101,7 +94,14 @@ impl BenchTrain {
         });
         let header: Vec<&str> =
             std::iter::once("").chain(measured.iter().map(|measured| &measured.config.task[..])).collect();
-        print(&table(&header, rows))
+        let table = table(&header, rows);
+        let processes = if self.in_process { "in-process" } else { "agents as processes" };
+        format!(
+            "{threads} threads, {processes}; median of {} rounds of {} s\nmatmul 250 x 256 x 256   {:.0} GFLOP/s\n\n{table}",
+            self.rounds,
+            self.seconds,
+            rate / 1e9
+        )
     }
 }
 

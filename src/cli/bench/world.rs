@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::json;
 
+use super::compare::Output;
 use super::{median, some_seconds};
-use crate::cli::{print, print_json, table, tell};
+use crate::cli::{table, tell};
 use crate::error::Result;
 use crate::rng::{Draws, Purpose};
 use crate::supervisor::signals;
@@ -36,9 +37,8 @@ pub struct BenchWorld {
     #[arg(long, value_name = "R", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     rounds: u32,
 
-    /// Print the figures as one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 impl BenchWorld {
@@ -57,25 +57,21 @@ impl BenchWorld {
             }
         }
         let measured: Vec<_> = tasks.iter().zip(rates.into_iter().map(median)).collect();
-        if self.json {
-            let tasks: Vec<_> = measured
-                .iter()
-                .map(|(task, rate)| {
-                    json!({ "task": task.id(), "agents": task.n_agents(), "env_steps_per_s": rate, "step_us": 1e6 / rate })
-                })
-                .collect();
-            return print_json(&json!({ "tasks": tasks }));
-        }
-        print(&format!("one thread; median of {} rounds of {} s\n\n", self.rounds, self.seconds))?;
-        let rows = measured.iter().map(|(task, rate)| {
-            vec![
-                task.id().to_owned(),
-                task.n_agents().to_string(),
-                format!("{:.2} M", rate / 1e6),
-                format!("{:.0}", 1e9 / rate),
-            ]
+        let tasks = measured.iter().map(|(task, rate)| {
+            json!({ "task": task.id(), "agents": task.n_agents(), "env_steps_per_s": rate, "step_us": 1e6 / rate })
         });
-        print(&table(&["task", "agents", "env steps/s", "ns a step"], rows))
+        self.output.print(json!({ "tasks": tasks.collect::<Vec<_>>() }), || {
+            let rows = measured.iter().map(|(task, rate)| {
+                vec![
+                    task.id().to_owned(),
+                    task.n_agents().to_string(),
+                    format!("{:.2} M", rate / 1e6),
+                    format!("{:.0}", 1e9 / rate),
+                ]
+            });
+            let table = table(&["task", "agents", "env steps/s", "ns a step"], rows);
+            format!("one thread; median of {} rounds of {} s\n\n{table}", self.rounds, self.seconds)
+        })
     }
 }
 
