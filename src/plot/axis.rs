@@ -61,17 +61,26 @@ impl Axis {
         let (low, high) =
             places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
-        let steps: &[f64] = if high - low < 2.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
         let decades = low.floor() as i32 - 1..=high.ceil() as i32 + 1;
-        let round = decades.flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
-        let round: Vec<f64> = round.collect();
         // From the last round number that nothing is below to the first that nothing is above.
-        let first = round.iter().rposition(|tick| tick.log10() <= low + SLACK).expect("a decade was added");
-        let last = round.iter().position(|tick| tick.log10() >= high - SLACK).expect("a decade was added");
-        let last = last.max(first + 1);
-        let every = (last - first).div_ceil(n_ticks + 1);
-        let ticks = round[first..=last].iter().step_by(every).map(|tick| (*tick, power(*tick))).collect();
-        Axis { scale: Scale::Logarithmic, low: round[first].log10(), high: round[last].log10(), ticks }
+        let ticks_at = |steps: &[f64]| -> Vec<f64> {
+            let round =
+                decades.clone().flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
+            let round: Vec<f64> = round.collect();
+            let first =
+                round.iter().rposition(|tick| tick.log10() <= low + SLACK).expect("a decade was added");
+            let last =
+                round.iter().position(|tick| tick.log10() >= high - SLACK).expect("a decade was added");
+            round[first..=last.max(first + 1)].to_vec()
+        };
+        let mut round = ticks_at(&[1.0, 2.0, 5.0]);
+        if round.len() > n_ticks + 2 {
+            round = ticks_at(&[1.0]);
+        }
+        let every = (round.len() - 1).div_ceil(n_ticks + 1);
+        let ticks = round.iter().step_by(every).map(|tick| (*tick, power(*tick))).collect();
+        let (low, high) = (round[0].log10(), round[round.len() - 1].log10());
+        Axis { scale: Scale::Logarithmic, low, high, ticks }
     }
 
     /// Where a value is: 0 at the low end, 1 at the high end. Not finite if it has no place.
@@ -157,6 +166,7 @@ mod tests {
         };
         assert_eq!(labels(64.0, 65536.0), ["10", "100", "1000", "10k", "100k"]);
         assert_eq!(labels(0.3, 2.0), ["0.2", "0.5", "1", "2"]);
+        assert_eq!(labels(0.3, 32.0), ["0.1", "1", "10", "100"]);
         assert_eq!(labels(0.002, 1.0), ["0.001", "0.01", "0.1", "1"]);
         assert_eq!(labels(1.0, 1e9).len(), 5);
         assert!((axis(1.0, 100.0).position(10.0) - 0.5).abs() < 1e-12);

@@ -23,10 +23,10 @@ Examples:
   vamaro-swarm bench agent
   vamaro-swarm bench agent --task hear-see --seconds 2 --json
 
-An agent of the paper's networks with an MLP and with a GRU as actor, on one thread, in one world and in
-ten: fuse and act are the decision, predict comes after it. All its observations are delivered, so
-everything is computed that can be. Beside it the same weights are read once, and candle computes the
-same networks. Each figure is the median of all calls; everything is measured in turn, three times.")]
+An agent of the paper's networks with an MLP and with a GRU as actor, on one thread, in one world
+and in ten: fuse and act are the decision, predict comes after it. All observations are delivered.
+Beside it the same weights are read once, and candle computes the same networks. Each figure is the
+median of all calls; everything is measured in turn, three times.")]
 pub struct BenchAgent {
     /// The task
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]

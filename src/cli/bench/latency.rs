@@ -27,12 +27,12 @@ Examples:
   vamaro-swarm bench latency --agents 2,4 --payloads 64,4096 --wait spin
   vamaro-swarm bench latency --seconds 2 --json > latency.json
 
-Hop: from the moment all bytes of a message are in their place until its receiver has them before him,
-between two processes. `whole` has more: room for the message, writing every byte, the hop, reading every
-byte. Where both have a core of their own they are pinned to it.
-Tick: from the first sensor message sent to the last action received; `bare` is the same pattern over
-plain iceoryx2 by agents without networks; needed are a bare tick and the decisions, shared by the cores.
-Decision: from having received everything to publishing the action, with imputer and policy as its parts.
+Hop: from the moment all bytes of a message are in their place until its receiver has them before
+him, between two processes. `whole` has more: room for the message, writing every byte, the hop,
+reading every byte. Where both have a core of their own they are pinned to it.
+Tick: from the first sensor message sent to the last action received. `bare` is the same pattern
+over plain iceoryx2 by agents without networks; needed are a bare tick and the decisions, shared
+by the cores. Decision: from having received everything to publishing the action, with its parts.
 Age: of a peer's observation, when a policy uses it. The agents have the paper's networks for
 spread-blindfold. An overrun took longer than a millisecond.")]
 pub struct BenchLatency {
