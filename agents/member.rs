@@ -5,7 +5,7 @@ use std::time::Duration;
 use rustix::time::{ClockId, clock_gettime};
 
 use super::{Agent, Mailbox};
-use crate::bus::{AgentPort, Header, Kind, Layout, PROTOCOL, Sample};
+use crate::bus::{AgentPort, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample};
 use crate::error::Result;
 use crate::failed;
 
@@ -102,6 +102,7 @@ impl<P: AgentPort> Member<P> {
 
     /// Applies the links, fuses, acts and publishes the decision.
     pub fn decide(&mut self) -> Result<()> {
+        let received_ns = now_ns();
         let sample = self.sensor.as_ref().expect("decide follows sense");
         let Header { episode, step, tick, worlds, .. } = *sample.header();
         let worlds = worlds as usize;
@@ -111,11 +112,12 @@ impl<P: AgentPort> Member<P> {
             let inbox = self.mailbox.deliver(world, sensor.row(world), tick);
             self.rows.push(self.agent.fuse(world, own, &inbox));
         }
+        let times = DecisionTimes { received_ns, fused_ns: now_ns() };
         self.agent.act(episode, step, worlds);
         let header = self.answer(Kind::Decision, sample.header(), self.layout.decision_words(worlds));
         let (agent, layout, rows) = (&self.agent, &self.layout, &self.rows);
         self.port.publish_decision(header, |words| {
-            layout.write_decision(words, agent.actions(), rows, agent.estimates(), agent.logits());
+            layout.write_decision(words, agent.actions(), rows, agent.estimates(), agent.logits(), times);
         })
     }
 

@@ -24,6 +24,7 @@
 //! | [`metrics`] | what a training run writes down as it goes |
 //! | [`plot`] | charts as SVG |
 //! | [`evaluate`] | how robust frozen policies are: sweeps, statistics, a report |
+//! | [`latency`] | how long hops, ticks and decisions take, beside what others do |
 //! | [`verify`] | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
 
@@ -36,6 +37,7 @@ pub mod cli;
 pub mod error;
 pub mod evaluate;
 pub mod file;
+pub mod latency;
 pub mod link;
 pub mod machine;
 pub mod metrics;

@@ -7,7 +7,7 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Version of the header and the layouts; a receiver refuses any other.
-pub const PROTOCOL: u32 = 2;
+pub const PROTOCOL: u32 = 3;
 
 /// What a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,7 +76,7 @@ impl Header {
 /// | observation | observation (`observation`) |
 /// | decision | action (1), row used (2), joint estimate (`joint`), logits (`logits`) |
 ///
-/// A weights message is all values of a policy, in the order of its tensors.
+/// Behind the parts of a decision message stand the [`DecisionTimes`]. A weights message is all values of a policy, in the order of its tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Padded observation.
@@ -86,6 +86,9 @@ pub struct Layout {
     /// Actions an agent chooses from.
     pub logits: usize,
 }
+
+/// Words of the [`DecisionTimes`].
+const TIMES: usize = 4;
 
 /// An agent's reading of its own sensor, and its rows of the link masks.
 #[derive(Clone, Copy, Debug)]
@@ -106,6 +109,15 @@ impl<'a> Sensor<'a> {
     }
 }
 
+/// When an agent did what it does for a decision, which is sent last: nanoseconds of the monotonic clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DecisionTimes {
+    /// It had received all it waits for.
+    pub received_ns: u64,
+    /// Its joint estimates were complete.
+    pub fused_ns: u64,
+}
+
 /// What an agent decided, and on what ground.
 #[derive(Clone, Copy, Debug)]
 pub struct Decision<'a> {
@@ -116,6 +128,8 @@ pub struct Decision<'a> {
     pub estimates: &'a [f32],
     /// `[worlds, logits]`.
     pub logits: &'a [f32],
+    /// When.
+    pub times: DecisionTimes,
 }
 
 impl Decision<'_> {
@@ -138,7 +152,7 @@ impl Layout {
 
     /// Words of a decision message.
     pub fn decision_words(&self, worlds: usize) -> usize {
-        worlds * (1 + 2 + self.joint + self.logits)
+        worlds * (1 + 2 + self.joint + self.logits) + TIMES
     }
 
     /// Writes a sensor message: `rows` has one entry, `observations` `[worlds, observation]`.
@@ -154,7 +168,7 @@ impl Layout {
         Sensor { rows, observations: bytemuck::cast_slice(values) }
     }
 
-    /// Writes a decision message from its parts, each `[worlds, ..]`.
+    /// Writes a decision message from its parts, each `[worlds, ..]`, and its times.
     pub fn write_decision(
         &self,
         words: &mut [u32],
@@ -162,6 +176,7 @@ impl Layout {
         rows: &[u64],
         estimates: &[f32],
         logits: &[f32],
+        times: DecisionTimes,
     ) {
         let (action_words, rest) = words.split_at_mut(actions.len());
         action_words.copy_from_slice(actions);
@@ -169,19 +184,23 @@ impl Layout {
         split_rows(row_words, rows);
         let (estimate_words, logit_words) = rest.split_at_mut(estimates.len());
         estimate_words.copy_from_slice(bytemuck::cast_slice(estimates));
+        let (logit_words, time_words) = logit_words.split_at_mut(logits.len());
         logit_words.copy_from_slice(bytemuck::cast_slice(logits));
+        split_rows(time_words, &[times.received_ns, times.fused_ns]);
     }
 
     /// Reads a decision message of [`Layout::decision_words`] words.
     pub fn decision<'a>(&self, words: &'a [u32], worlds: usize) -> Decision<'a> {
         let (actions, rest) = words.split_at(worlds);
         let (rows, rest) = rest.split_at(2 * worlds);
-        let (estimates, logits) = rest.split_at(self.joint * worlds);
+        let (estimates, rest) = rest.split_at(self.joint * worlds);
+        let (logits, times) = rest.split_at(self.logits * worlds);
         Decision {
             actions,
             rows,
             estimates: bytemuck::cast_slice(estimates),
             logits: bytemuck::cast_slice(logits),
+            times: DecisionTimes { received_ns: join(&times[..2]), fused_ns: join(&times[2..]) },
         }
     }
 }
@@ -217,12 +236,14 @@ mod tests {
     fn a_decision_comes_back() {
         let (actions, rows) = ([4, 0], [3, u64::MAX]);
         let (estimates, logits) = ([0.25; 10], [1.0, 2.0, 3.0, 4.0]);
+        let times = DecisionTimes { received_ns: u64::MAX - 1, fused_ns: 1 << 40 };
         let mut words = vec![0; LAYOUT.decision_words(2)];
-        LAYOUT.write_decision(&mut words, &actions, &rows, &estimates, &logits);
+        LAYOUT.write_decision(&mut words, &actions, &rows, &estimates, &logits, times);
         let decision = LAYOUT.decision(&words, 2);
         assert_eq!(decision.actions, actions);
         assert_eq!([decision.row(0), decision.row(1)], rows);
         assert_eq!((decision.estimates, decision.logits), (&estimates[..], &logits[..]));
+        assert_eq!(decision.times, times);
     }
 
     #[test]

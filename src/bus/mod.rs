@@ -22,7 +22,8 @@ mod wait;
 
 pub use directory::{Leftover, SwarmDirectory, check_writable, leftovers, shared_memory_free};
 pub use local::{LocalHub, LocalPort, LocalSample};
-pub use message::{Decision, Header, Kind, Layout, PROTOCOL, Sensor};
+pub use message::{Decision, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sensor};
+pub(crate) use services::{Role, bus_error, node, service_name};
 pub use services::{SwarmAddress, open_files_needed, shared_memory_needed};
 pub use shared::{AgentSharedPort, SharedSample, SupervisorPort};
 pub use wait::{Wait, wait_until};

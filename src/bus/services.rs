@@ -61,7 +61,7 @@ pub(super) struct Services {
 
 /// Whether a process makes the services or finds them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Role {
+pub(crate) enum Role {
     /// Creates every service, with explicit limits, and cleans up after dead nodes.
     Supervisor,
     /// Only opens.
@@ -76,14 +76,7 @@ impl SwarmAddress {
 
     /// This process's entry point to iceoryx2.
     pub(super) fn node(&self, role: Role) -> Result<Node<ipc::Service>> {
-        set_log_level_from_env_or(LogLevel::Fatal);
-        let name = format!("vamaro-swarm {role:?}");
-        NodeBuilder::new()
-            .name(&name.as_str().try_into().map_err(bus_error("name the node"))?)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .config(&self.config(role)?)
-            .create()
-            .map_err(bus_error("create a node"))
+        node(&self.tag, role)
     }
 
     /// The services that all of the swarm share.
@@ -104,21 +97,6 @@ impl SwarmAddress {
     /// The service by which the supervisor speaks to one agent.
     pub(super) fn sensor(&self, node: &Node<ipc::Service>, agent: usize, role: Role) -> Result<Words> {
         self.words(node, &format!("sensor-{agent}"), 1, 1, role)
-    }
-
-    /// Built here and nowhere else: iceoryx2's global configuration reads files of the working directory.
-    fn config(&self, role: Role) -> Result<Config> {
-        let mut config = Config::default();
-        let root = root_of(&self.tag);
-        let root = Path::new(root.as_os_str().as_encoded_bytes()).map_err(bus_error("name its directory"))?;
-        config.global.set_root_path(&root);
-        config.global.prefix =
-            FileName::new(prefix_of(&self.tag).as_bytes()).map_err(bus_error("name its shared memory"))?;
-        let cleans = role == Role::Supervisor;
-        config.global.node.cleanup_dead_nodes_on_creation = cleans;
-        config.global.node.cleanup_dead_nodes_on_destruction = cleans;
-        config.global.service.cleanup_dead_nodes_on_open = cleans;
-        Ok(config)
     }
 
     fn words(
@@ -170,6 +148,33 @@ impl SwarmAddress {
     }
 }
 
+/// This process's entry point to iceoryx2, in the swarm with this tag.
+pub(crate) fn node(tag: &str, role: Role) -> Result<Node<ipc::Service>> {
+    set_log_level_from_env_or(LogLevel::Fatal);
+    let name = format!("vamaro-swarm {role:?}");
+    NodeBuilder::new()
+        .name(&name.as_str().try_into().map_err(bus_error("name the node"))?)
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .config(&config(tag, role)?)
+        .create()
+        .map_err(bus_error("create a node"))
+}
+
+/// Built here and nowhere else: iceoryx2's global configuration reads files of the working directory.
+fn config(tag: &str, role: Role) -> Result<Config> {
+    let mut config = Config::default();
+    let root = root_of(tag);
+    let root = Path::new(root.as_os_str().as_encoded_bytes()).map_err(bus_error("name its directory"))?;
+    config.global.set_root_path(&root);
+    config.global.prefix =
+        FileName::new(prefix_of(tag).as_bytes()).map_err(bus_error("name its shared memory"))?;
+    let cleans = role == Role::Supervisor;
+    config.global.node.cleanup_dead_nodes_on_creation = cleans;
+    config.global.node.cleanup_dead_nodes_on_destruction = cleans;
+    config.global.service.cleanup_dead_nodes_on_open = cleans;
+    Ok(config)
+}
+
 /// A publisher of messages of up to `words` words.
 pub(super) fn publisher(service: &Words, words: usize) -> Result<WordPublisher> {
     publisher_of(service, words, SAMPLES)
@@ -213,11 +218,11 @@ pub fn open_files_needed(agents: usize) -> u64 {
     64 + 14 * agents as u64
 }
 
-fn service_name(name: &str) -> Result<ServiceName> {
+pub(crate) fn service_name(name: &str) -> Result<ServiceName> {
     name.try_into().map_err(bus_error("name a service"))
 }
 
 /// Turns an error of iceoryx2 into ours.
-pub(super) fn bus_error<E: std::fmt::Debug>(what: &str) -> impl Fn(E) -> Error + use<'_, E> {
+pub(crate) fn bus_error<E: std::fmt::Debug>(what: &str) -> impl Fn(E) -> Error + use<'_, E> {
     move |e| failed!("shared memory: cannot {what}: {e:?}")
 }

@@ -25,6 +25,7 @@ use clap_complete::Shell;
 use crate::agents::PolicySource;
 use crate::agents::process::{self, ProcessSettings};
 use crate::error::{Error, Result};
+use crate::latency::peer::{self, PeerSettings};
 use crate::table::table;
 use crate::usage;
 
@@ -83,6 +84,12 @@ enum Command {
         /// Settings as JSON
         settings: String,
     },
+    /// Be the other side of a measurement; `bench latency` starts these
+    #[command(hide = true)]
+    Peer {
+        /// Settings as JSON
+        settings: String,
+    },
 }
 
 impl Cli {
@@ -109,6 +116,11 @@ impl Cli {
                 let settings: ProcessSettings = serde_json::from_str(&settings)
                     .map_err(|e| usage!("`agent` is for the supervisor, not for the command line: {e}"))?;
                 process::run(&settings)
+            }
+            Command::Peer { settings } => {
+                let settings: PeerSettings = serde_json::from_str(&settings)
+                    .map_err(|e| usage!("`peer` is for `bench latency`, not for the command line: {e}"))?;
+                peer::run(&settings)
             }
         }
     }

@@ -18,6 +18,7 @@ mod layers;
 mod networks;
 pub mod policy;
 pub mod predictor;
+pub mod reference;
 mod state_dict;
 #[cfg(test)]
 mod tests;

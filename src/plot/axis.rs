@@ -1,8 +1,18 @@
 //! An axis: its range, and ticks at round numbers.
 
+/// How far apart values lie on an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scale {
+    /// As far as they differ.
+    Linear,
+    /// As far as their logarithms differ. Only positive values have a place.
+    Logarithmic,
+}
+
 /// A range of values, with ticks.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
+    scale: Scale,
     low: f64,
     high: f64,
     /// The tick values and what stands beside them.
@@ -10,8 +20,16 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// The axis of these values (those that are finite), with at most `n_ticks` + 1 ticks.
-    pub(super) fn new(values: impl Iterator<Item = f64>, n_ticks: usize) -> Axis {
+    /// The axis of these values (those that have a place), with at most `n_ticks` + 1 ticks, or two more if it is
+    /// logarithmic.
+    pub(super) fn new(scale: Scale, values: impl Iterator<Item = f64>, n_ticks: usize) -> Axis {
+        match scale {
+            Scale::Linear => Axis::linear(values, n_ticks),
+            Scale::Logarithmic => Axis::logarithmic(values, n_ticks),
+        }
+    }
+
+    fn linear(values: impl Iterator<Item = f64>, n_ticks: usize) -> Axis {
         let finite = values.filter(|value| value.is_finite());
         let (low, high) =
             finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
@@ -33,11 +51,44 @@ impl Axis {
             true => "0".to_owned(),
             false => format!("{:.decimals$}{letter}", value / unit),
         };
-        Axis { low, high, ticks: values.map(|value| (value, label(value))).collect() }
+        let ticks = values.map(|value| (value, label(value))).collect();
+        Axis { scale: Scale::Linear, low, high, ticks }
     }
 
-    /// Where a value is: 0 at the low end, 1 at the high end.
+    /// Ticks are at powers of ten; at 1, 2 and 5 times them if there are few.
+    fn logarithmic(values: impl Iterator<Item = f64>, n_ticks: usize) -> Axis {
+        let places = values.filter(|value| value.is_finite() && *value > 0.0).map(f64::log10);
+        let (low, high) =
+            places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+        let decades = low.floor() as i32 - 1..=high.ceil() as i32 + 1;
+        // From the last round number that nothing is below to the first that nothing is above.
+        let ticks_at = |steps: &[f64]| -> Vec<f64> {
+            let round =
+                decades.clone().flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
+            let round: Vec<f64> = round.collect();
+            let first =
+                round.iter().rposition(|tick| tick.log10() <= low + SLACK).expect("a decade was added");
+            let last =
+                round.iter().position(|tick| tick.log10() >= high - SLACK).expect("a decade was added");
+            round[first..=last.max(first + 1)].to_vec()
+        };
+        let mut round = ticks_at(&[1.0, 2.0, 5.0]);
+        if round.len() > n_ticks + 2 {
+            round = ticks_at(&[1.0]);
+        }
+        let every = (round.len() - 1).div_ceil(n_ticks + 1);
+        let ticks = round.iter().step_by(every).map(|tick| (*tick, power(*tick))).collect();
+        let (low, high) = (round[0].log10(), round[round.len() - 1].log10());
+        Axis { scale: Scale::Logarithmic, low, high, ticks }
+    }
+
+    /// Where a value is: 0 at the low end, 1 at the high end. Not finite if it has no place.
     pub(super) fn position(&self, value: f64) -> f64 {
+        let value = match self.scale {
+            Scale::Linear => value,
+            Scale::Logarithmic => value.log10(),
+        };
         (value - self.low) / (self.high - self.low)
     }
 }
@@ -50,6 +101,13 @@ fn round_up(step: f64) -> f64 {
     let power = 10f64.powf(step.log10().floor());
     let factor = [1.0, 2.0, 5.0].into_iter().find(|factor| factor * power >= step * (1.0 - SLACK));
     factor.unwrap_or(10.0) * power
+}
+
+/// What stands beside a tick of a logarithmic axis.
+fn power(tick: f64) -> String {
+    let (unit, letter) = unit(tick);
+    let decimals = (-(tick.log10() + SLACK).floor()).clamp(0.0, 12.0) as usize;
+    format!("{:.decimals$}{letter}", tick / unit)
 }
 
 /// The unit of an axis that reaches `largest`, and its letter.
@@ -67,7 +125,11 @@ mod tests {
     use super::*;
 
     fn labels(low: f64, high: f64) -> Vec<String> {
-        Axis::new([low, high].into_iter(), 5).ticks.into_iter().map(|(_, label)| label).collect()
+        Axis::new(Scale::Linear, [low, high].into_iter(), 5)
+            .ticks
+            .into_iter()
+            .map(|(_, label)| label)
+            .collect()
     }
 
     #[test]
@@ -85,20 +147,36 @@ mod tests {
     fn an_axis_reaches_all_values_and_little_more() {
         let ranges = [(-198.0, -24.0), (0.1, 0.3), (-1e-7, 3e-7), (1e12, 1e12 + 1.0), (0.11, 1.9)];
         for (low, high) in ranges {
-            let axis = Axis::new([low, high].into_iter(), 5);
+            let axis = Axis::new(Scale::Linear, [low, high].into_iter(), 5);
             assert!((2..=6).contains(&axis.ticks.len()), "{axis:?}");
             assert!((-1e-6..0.11).contains(&axis.position(low)), "{axis:?}");
             assert!((0.89..1.0 + 1e-6).contains(&axis.position(high)), "{axis:?}");
         }
         for value in [7.0, 0.0, -1e-9, 3e15] {
-            let axis = Axis::new([value].into_iter(), 5);
+            let axis = Axis::new(Scale::Linear, [value].into_iter(), 5);
             assert!(axis.ticks.len() > 1 && (0.3..0.7).contains(&axis.position(value)), "{axis:?}");
         }
     }
 
     #[test]
+    fn logarithmic_ticks_are_round_too() {
+        let axis = |low: f64, high: f64| Axis::new(Scale::Logarithmic, [low, 0.0, high, -1.0].into_iter(), 5);
+        let labels = |low, high| -> Vec<String> {
+            axis(low, high).ticks.into_iter().map(|(_, label)| label).collect()
+        };
+        assert_eq!(labels(64.0, 65536.0), ["10", "100", "1000", "10k", "100k"]);
+        assert_eq!(labels(0.3, 2.0), ["0.2", "0.5", "1", "2"]);
+        assert_eq!(labels(0.3, 32.0), ["0.1", "1", "10", "100"]);
+        assert_eq!(labels(0.002, 1.0), ["0.001", "0.01", "0.1", "1"]);
+        assert_eq!(labels(1.0, 1e9).len(), 5);
+        assert!((axis(1.0, 100.0).position(10.0) - 0.5).abs() < 1e-12);
+        assert!(!axis(1.0, 100.0).position(0.0).is_finite());
+        assert!(axis(7.0, 7.0).ticks.len() > 1);
+    }
+
+    #[test]
     fn an_axis_of_nothing_is_still_an_axis() {
-        let axis = Axis::new([f64::NAN, f64::INFINITY].into_iter(), 5);
+        let axis = Axis::new(Scale::Linear, [f64::NAN, f64::INFINITY].into_iter(), 5);
         assert_eq!(axis.ticks.len(), 6);
     }
 }

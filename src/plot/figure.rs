@@ -1,6 +1,6 @@
 //! Panels of lines with bands, and one legend for all.
 
-use super::axis::Axis;
+use super::axis::{Axis, Scale};
 use super::style::style;
 use super::svg::{Anchor, Svg, escape};
 
@@ -56,13 +56,22 @@ impl Figure {
     /// The chart as an SVG document. It is as wide as the reader makes it, and legible from the width of a
     /// phone (the units below are pixels at 640).
     pub fn to_svg(&self) -> String {
+        self.draw(Scale::Linear)
+    }
+
+    /// The same with logarithmic axes. Points that are not positive are left out.
+    pub fn to_log_svg(&self) -> String {
+        self.draw(Scale::Logarithmic)
+    }
+
+    fn draw(&self, scale: Scale) -> String {
         let names = self.names();
         let title = wrap(&self.title, WIDTH - 2.0 * MARGIN, TITLE);
         let drawn: Vec<usize> = (0..names.len()).filter(|index| self.is_drawn(names[*index])).collect();
         let (legend, legend_lines) = flow(drawn.iter().map(|index| names[*index]));
         let columns = self.panels.len().min(2);
         let top = MARGIN + title.len() as f64 * (TITLE + 6.0) + legend_lines as f64 * LINE + 8.0;
-        let grid = Grid::new(&self.panels, columns, top);
+        let grid = Grid::new(&self.panels, columns, top, scale);
 
         let mut svg = Svg::default();
         svg.raw(&format!(
@@ -178,8 +187,8 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(panels: &[Panel], columns: usize, top: f64) -> Grid {
-        let axes: Vec<_> = panels.iter().map(|panel| axes(panels, panel)).collect();
+    fn new(panels: &[Panel], columns: usize, top: f64, scale: Scale) -> Grid {
+        let axes: Vec<_> = panels.iter().map(|panel| axes(panels, panel, scale)).collect();
         let labelled: Vec<_> = (0..panels.len())
             .map(|index| {
                 let below = panels.get(index + columns);
@@ -251,7 +260,11 @@ impl Grid {
     }
 
     fn draw_series(&self, svg: &mut Svg, index: usize, panel: &Panel, names: &[&str]) {
-        let finite = |point: &&Point| point.x.is_finite() && point.ys().into_iter().all(f64::is_finite);
+        let finite = |point: &&Point| {
+            let [x_axis, y_axis] = &self.axes[index];
+            let ys = point.ys().map(|y| y_axis.position(y));
+            x_axis.position(point.x).is_finite() && ys.into_iter().all(f64::is_finite)
+        };
         let styled = panel.series.iter().map(|series| {
             let style =
                 names.iter().position(|name| *name == series.name).expect("names are of these series");
@@ -278,14 +291,14 @@ impl Grid {
 }
 
 /// The axes of a panel: of its values and of those it shares the label with.
-fn axes<'a>(panels: &'a [Panel], panel: &Panel) -> [Axis; 2] {
+fn axes<'a>(panels: &'a [Panel], panel: &Panel, scale: Scale) -> [Axis; 2] {
     let points = |panel: &'a Panel| panel.series.iter().flat_map(|series| &series.points);
     let x = panels.iter().filter(|other| other.x_label == panel.x_label).flat_map(|panel| {
         let span = panel.x_span.into_iter().flat_map(|(low, high)| [low, high]);
         points(panel).map(|point| point.x).chain(span)
     });
     let y = panels.iter().filter(|other| other.y_label == panel.y_label).flat_map(points);
-    [Axis::new(x, 4), Axis::new(y.flat_map(Point::ys), 5)]
+    [Axis::new(scale, x, 4), Axis::new(scale, y.flat_map(Point::ys), 5)]
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Agent processes: started by running this very program again, watched, and always reaped.
+//! Processes: started by running this very program again, watched, and always reaped.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -6,48 +6,60 @@ use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crate::agents::process::ProcessSettings;
+use serde::Serialize;
+
 use crate::error::{Error, Result};
 use crate::{failed, usage};
 
 /// This program, even if its file has been replaced since it started.
 const SELF: &str = "/proc/self/exe";
 
-/// How long an agent that was told to leave may take.
+/// How long a process that was told to leave may take.
 const LEAVE_DEADLINE: Duration = Duration::from_secs(2);
 
-/// A running agent. Dropping it ends and reaps the process.
+/// A running process of this program. Dropping it ends and reaps the process.
 #[derive(Debug)]
-pub(super) struct AgentProcess {
-    index: usize,
+pub(crate) struct ChildProcess {
+    name: String,
     child: Child,
     /// Passes stderr on; returns its last line.
     stderr: Option<JoinHandle<Option<String>>>,
 }
 
-impl AgentProcess {
-    /// Starts an agent.
-    pub(super) fn start(settings: &ProcessSettings) -> Result<AgentProcess> {
-        let index = settings.agent;
+impl ChildProcess {
+    /// Starts a hidden command with these settings. `name` is what it is called in errors.
+    pub(crate) fn start(
+        name: &str,
+        command: &str,
+        settings: &impl Serialize,
+        [stdin, stdout]: [Stdio; 2],
+    ) -> Result<ChildProcess> {
         // Only a path can be no text.
         let json = serde_json::to_string(settings)
             .map_err(|_| usage!("the path of the policy is not UTF-8; move it to a folder whose name is"))?;
-        let mut command = Command::new(SELF);
-        // A group of its own: Ctrl-C reaches the supervisor alone, which takes the agents down in order.
-        command.arg0("vamaro-swarm").args(["agent", &json]).process_group(0);
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let mut child = command.spawn().map_err(|e| failed!("cannot start agent-{index}: {e}"))?;
+        let mut process = Command::new(SELF);
+        // A group of its own: Ctrl-C reaches the supervisor alone, which takes its processes down in order.
+        process.arg0("vamaro-swarm").args([command, &json]).process_group(0);
+        process.stdin(stdin).stdout(stdout).stderr(Stdio::piped());
+        let mut child = process.spawn().map_err(|e| failed!("cannot start {name}: {e}"))?;
         let stderr = child.stderr.take().expect("stderr is piped");
-        let stderr = std::thread::spawn(move || pass_on(index, stderr));
-        Ok(AgentProcess { index, child, stderr: Some(stderr) })
+        let name = name.to_owned();
+        let passed_on = name.clone();
+        let stderr = std::thread::spawn(move || pass_on(&passed_on, stderr));
+        Ok(ChildProcess { name, child, stderr: Some(stderr) })
+    }
+
+    /// Its process id.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
     }
 
     /// An error if the process has ended, with what it said last.
-    pub(super) fn check_alive(&mut self) -> Result<()> {
+    pub(crate) fn check_alive(&mut self) -> Result<()> {
         match self.child.try_wait() {
             Ok(None) => Ok(()),
             Ok(Some(status)) => Err(self.ended(status)),
-            Err(e) => Err(failed!("cannot watch agent-{}: {e}", self.index)),
+            Err(e) => Err(failed!("cannot watch {}: {e}", self.name)),
         }
     }
 
@@ -72,11 +84,11 @@ impl AgentProcess {
         let last_words = last_words
             .map(|line| format!("; it said: {}", line.trim_start_matches("error: ")))
             .unwrap_or_default();
-        failed!("agent-{} (process {}) {how}{last_words}", self.index, self.child.id())
+        failed!("{} (process {}) {how}{last_words}", self.name, self.child.id())
     }
 }
 
-impl Drop for AgentProcess {
+impl Drop for ChildProcess {
     fn drop(&mut self) {
         // Harmless for a process that has been reaped already: the library remembers.
         let _ = self.child.kill();
@@ -87,22 +99,22 @@ impl Drop for AgentProcess {
     }
 }
 
-/// Lets agents that were told to leave do so, and ends those that do not.
-pub(super) fn reap(agents: &mut Vec<AgentProcess>) {
+/// Lets processes that were told to leave do so, and ends those that do not.
+pub(crate) fn reap(processes: &mut Vec<ChildProcess>) {
     let deadline = Instant::now() + LEAVE_DEADLINE;
-    for agent in agents.iter_mut() {
-        agent.wait_until(deadline);
+    for process in processes.iter_mut() {
+        process.wait_until(deadline);
     }
-    agents.clear();
+    processes.clear();
 }
 
-/// Copies an agent's stderr to ours, line by line, with its name in front.
-fn pass_on(index: usize, stderr: ChildStderr) -> Option<String> {
+/// Copies a process's stderr to ours, line by line, with its name in front.
+fn pass_on(name: &str, stderr: ChildStderr) -> Option<String> {
     let mut last = None;
     for line in BufReader::new(stderr).split(b'\n').map_while(|line| line.ok()) {
         let line = String::from_utf8_lossy(&line).into_owned();
-        // Where stderr cannot be written the line is still told when the agent fails.
-        let _ = writeln!(std::io::stderr(), "[agent-{index}] {line}");
+        // Where stderr cannot be written the line is still told when the process fails.
+        let _ = writeln!(std::io::stderr(), "[{name}] {line}");
         last = Some(line);
     }
     last

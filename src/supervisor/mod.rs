@@ -15,7 +15,8 @@ mod statistics;
 
 pub use audit::Audit;
 pub use in_process::InProcess;
-pub use processes::Processes;
+pub(crate) use launch::{ChildProcess, reap};
+pub use processes::{AgentTimes, Processes};
 pub use session::Session;
 pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};

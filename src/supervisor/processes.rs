@@ -1,16 +1,17 @@
 //! A team of processes over shared memory.
 
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-use super::launch::{AgentProcess, reap};
+use super::launch::{ChildProcess, reap};
 use super::{Decisions, Team, Tick, check_weights, signals};
 use crate::agents::process::ProcessSettings;
 use crate::agents::{AgentSettings, PolicySource, now_ns};
 use crate::bus::{
-    Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
-    open_files_needed, shared_memory_free, shared_memory_needed, wait_until,
+    DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress,
+    SwarmDirectory, Wait, open_files_needed, shared_memory_free, shared_memory_needed, wait_until,
 };
 use crate::error::Result;
 use crate::failed;
@@ -27,7 +28,7 @@ const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 #[derive(Debug)]
 pub struct Processes {
     task: Task,
-    agents: Vec<AgentProcess>,
+    agents: Vec<ChildProcess>,
     port: SupervisorPort,
     /// Which swarm it is, and which weights are in force.
     identity: Header,
@@ -37,8 +38,22 @@ pub struct Processes {
     wait: Wait,
     /// Agents that have done what the current phase waits for, bit by bit.
     answered: u64,
+    /// Per agent, of its last tick.
+    times: Vec<AgentTimes>,
     // Declared last: all else in it goes first.
     _directory: SwarmDirectory,
+}
+
+/// When an agent did what it does in a tick, by its own word: nanoseconds of the monotonic clock, which is the same
+/// for all processes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AgentTimes {
+    /// It published its observation.
+    pub published_ns: u64,
+    /// It had all observations, and had fused them.
+    pub decision: DecisionTimes,
+    /// It published its decision.
+    pub decided_ns: u64,
 }
 
 impl Processes {
@@ -63,6 +78,7 @@ impl Processes {
             policy_weights: policy.n_values(),
             wait,
             answered: 0,
+            times: vec![AgentTimes::default(); team],
             _directory: directory,
         };
         for agent in 0..team {
@@ -74,10 +90,21 @@ impl Processes {
                 supervisor: std::process::id() as i32,
                 settings: settings.clone(),
             };
-            swarm.agents.push(AgentProcess::start(&process)?);
+            let (name, nothing) = (format!("agent-{agent}"), || Stdio::null());
+            swarm.agents.push(ChildProcess::start(&name, "agent", &process, [nothing(), nothing()])?);
         }
         swarm.await_all("get ready", READY_DEADLINE, Processes::take_ready)?;
         Ok(swarm)
+    }
+
+    /// The process ids of the agents.
+    pub fn process_ids(&self) -> impl Iterator<Item = u32> + '_ {
+        self.agents.iter().map(ChildProcess::id)
+    }
+
+    /// When the agents did what they did in the last tick.
+    pub fn times(&self) -> &[AgentTimes] {
+        &self.times
     }
 
     fn send_sensors(&mut self, tick: &Tick) -> Result<()> {
@@ -133,7 +160,7 @@ impl Processes {
 
     fn check_agents(&mut self) -> Result<()> {
         if signals::take_child_ended() {
-            self.agents.iter_mut().try_for_each(AgentProcess::check_alive)?;
+            self.agents.iter_mut().try_for_each(ChildProcess::check_alive)?;
         }
         Ok(())
     }
@@ -148,7 +175,9 @@ impl Processes {
     fn take_observations(&mut self, tick: &Tick) -> Result<()> {
         let words = self.layout.observation_words(tick.worlds);
         while let Some(sample) = self.port.receive_observation()? {
-            self.mark(&sample, Kind::Observation, tick.tick, words);
+            if let Some(agent) = self.mark(&sample, Kind::Observation, tick.tick, words) {
+                self.times[agent].published_ns = sample.header().sent_ns;
+            }
         }
         Ok(())
     }
@@ -158,6 +187,8 @@ impl Processes {
         while let Some(sample) = self.port.receive_decision()? {
             if let Some(agent) = self.mark(&sample, Kind::Decision, tick.tick, words) {
                 let decision = self.layout.decision(sample.words(), tick.worlds);
+                let times = &mut self.times[agent];
+                (times.decision, times.decided_ns) = (decision.times, sample.header().sent_ns);
                 decisions.take(&self.task, tick, agent, &decision)?;
             }
         }

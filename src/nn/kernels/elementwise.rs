@@ -13,6 +13,8 @@ pub(super) struct Tanh<'a>(pub &'a mut [f32]);
 pub(super) struct ReluBackward<'a>(pub &'a [f32], pub &'a mut [f32]);
 /// [`add`](super::add).
 pub(super) struct Add<'a>(pub &'a [f32], pub &'a mut [f32]);
+/// [`sum`](super::sum).
+pub(super) struct Sum<'a>(pub &'a [f32]);
 
 impl WithSimd for Relu<'_> {
     type Output = ();
@@ -51,6 +53,25 @@ impl WithSimd for Add<'_> {
             let sum = simd.add_f32s(load(simd, y), load(simd, row));
             store(simd, y, sum);
         }
+    }
+}
+
+impl WithSimd for Sum<'_> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f32 {
+        // As many sums as it takes to have loads under way all the time.
+        const SUMS: usize = 8;
+        let mut sums = [simd.splat_f32s(0.0); SUMS];
+        let (vectors, rest) = S::as_simd_f32s(self.0);
+        let (groups, others) = vectors.as_chunks::<SUMS>();
+        for group in groups {
+            sums.iter_mut().zip(group).for_each(|(sum, vector)| *sum = simd.add_f32s(*sum, *vector));
+        }
+        sums.iter_mut().zip(others).for_each(|(sum, vector)| *sum = simd.add_f32s(*sum, *vector));
+        let sums = sums.into_iter().map(|sum| simd.reduce_sum_f32s(sum));
+        sums.chain(rest.iter().copied()).sum()
     }
 }
 

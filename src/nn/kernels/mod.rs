@@ -5,6 +5,7 @@
 //! | [`linear()`] | `y = x @ w + bias`, or `y += x @ w` |
 //! | [`relu`], [`sigmoid`], [`tanh`] | in place, element by element |
 //! | [`gru_gates`], [`lstm_gates`] | everything of a recurrent step that is not a matrix product |
+//! | [`sum`] | what reading weights takes, to measure by |
 //!
 //! Those below are for training, which happens in one process.
 //!
@@ -88,6 +89,12 @@ pub fn tanh(values: &mut [f32]) {
 pub fn add(row: &[f32], y: &mut [f32]) {
     assert_eq!(row.len(), y.len(), "add: lengths differ");
     ARCH.dispatch(elementwise::Add(row, y));
+}
+
+/// The sum of `values`, in an order of its own: every one is read once from front to back, which is the least that a
+/// forward pass of one row does with its weights.
+pub fn sum(values: &[f32]) -> f32 {
+    ARCH.dispatch(elementwise::Sum(values))
 }
 
 /// The gates of a GRU step (PyTorch's order r, z, n): `hidden` `[rows, h]` goes from one step to the next.

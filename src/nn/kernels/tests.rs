@@ -14,6 +14,15 @@ fn what_is_not_finite_is_found_wherever_it_is() {
         values[at] = -0.0;
     }
 }
+
+#[test]
+fn a_sum_takes_every_value_once() {
+    for n in [1, 15, 16, 127, 128, 129, 1000] {
+        // Whole numbers, so that the order makes no difference.
+        let values: Vec<f32> = (0..n).map(|at| at as f32).collect();
+        assert_eq!(sum(&values), (n * (n - 1)) as f32 / 2.0);
+    }
+}
 use crate::rng::{Draws, Purpose};
 use proptest::prelude::*;
 

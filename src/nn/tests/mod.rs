@@ -3,10 +3,10 @@
 mod actor;
 mod files;
 mod imports;
-mod oracle;
 mod policy;
 mod predictor;
 
+use super::reference as oracle;
 use super::*;
 use crate::rng::{Draws, Purpose};
 

@@ -1,38 +1,18 @@
-//! `bench`: what this machine reaches.
+//! `bench train`: how fast training is, and where the time goes.
 
 use std::time::Duration;
 
-use clap::{Args, Subcommand};
+use clap::Args;
 use serde_json::json;
 
-use super::{print, print_json, table};
+use super::compare::Output;
+use super::{median, some_seconds};
 use crate::bus::Wait;
+use crate::cli::{keep_candle_to_its_thread, table, tell, train};
 use crate::error::Result;
 use crate::supervisor::{InProcess, Processes, Team, signals};
 use crate::train::{Backend, Config, Layer, Preset, Throughput, Trainer, matmul_rate, test_duration};
 use crate::world::EPISODE_STEPS;
-
-/// Measure what this machine reaches
-#[derive(Debug, Args)]
-pub struct Bench {
-    #[command(subcommand)]
-    what: What,
-}
-
-#[derive(Debug, Subcommand)]
-enum What {
-    /// Training: env steps/s, where the time goes, and the same with candle
-    Train(BenchTrain),
-}
-
-impl Bench {
-    /// Runs the command.
-    pub fn run(self) -> Result<()> {
-        match self.what {
-            What::Train(command) => command.run(),
-        }
-    }
-}
 
 /// Training: env steps/s, where the time goes, and the same with candle
 #[derive(Debug, Args)]
@@ -65,9 +45,8 @@ pub struct BenchTrain {
     #[arg(long)]
     in_process: bool,
 
-    /// Print the figures as one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// What is measured of a task.
@@ -85,9 +64,9 @@ struct Measured {
 impl BenchTrain {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        super::keep_candle_to_its_thread()?;
+        keep_candle_to_its_thread()?;
         signals::install()?;
-        let threads = super::train::threads(self.threads);
+        let threads = train::threads(self.threads);
         let mut measured = Vec::new();
         for task in &self.tasks {
             measured.push(Measured::begin(task, threads)?);
@@ -96,24 +75,17 @@ impl BenchTrain {
         for round in 1..=self.rounds {
             rates.push(matmul_rate(threads, Duration::from_secs_f64(self.seconds / 10.0)));
             for measured in &mut measured {
-                super::tell(&format!("round {round} of {}: {}", self.rounds, measured.config.task));
+                tell(&format!("round {round} of {}: {}", self.rounds, measured.config.task));
                 measured.measure(&self, threads)?;
             }
         }
         let rate = median(rates);
-        if self.json {
-            let tasks: Vec<_> = measured.iter().map(|measured| measured.json(rate, threads)).collect();
-            return print_json(
-                &json!({ "threads": threads, "matmul_gflop_per_s": rate / 1e9, "tasks": tasks }),
-            );
-        }
-        let processes = if self.in_process { "in-process" } else { "agents as processes" };
-        print(&format!(
-            "{threads} threads, {processes}; median of {} rounds of {} s\nmatmul 250 x 256 x 256   {:.0} GFLOP/s\n\n",
-            self.rounds,
-            self.seconds,
-            rate / 1e9
-        ))?;
+        let tasks: Vec<_> = measured.iter().map(|measured| measured.json(rate, threads)).collect();
+        let result = json!({ "threads": threads, "matmul_gflop_per_s": rate / 1e9, "tasks": tasks });
+        self.output.print(result, || self.text(&measured, rate, threads))
+    }
+
+    fn text(&self, measured: &[Measured], rate: f64, threads: usize) -> String {
         let columns: Vec<_> = measured.iter().map(|measured| measured.column(rate, threads)).collect();
         let rows = FIGURES.iter().enumerate().map(|(at, (_, name))| {
             std::iter::once((*name).to_owned())
@@ -122,7 +94,14 @@ impl BenchTrain {
         });
         let header: Vec<&str> =
             std::iter::once("").chain(measured.iter().map(|measured| &measured.config.task[..])).collect();
-        print(&table(&header, rows))
+        let table = table(&header, rows);
+        let processes = if self.in_process { "in-process" } else { "agents as processes" };
+        format!(
+            "{threads} threads, {processes}; median of {} rounds of {} s\nmatmul 250 x 256 x 256   {:.0} GFLOP/s\n\n{table}",
+            self.rounds,
+            self.seconds,
+            rate / 1e9
+        )
     }
 }
 
@@ -243,14 +222,6 @@ impl BenchTrain {
     }
 }
 
-/// Too short a time measures nothing.
-fn some_seconds(text: &str) -> std::result::Result<f64, String> {
-    match super::train::seconds(text)? {
-        seconds if seconds >= 0.1 => Ok(seconds),
-        _ => Err("expected 0.1 seconds or more".to_owned()),
-    }
-}
-
 fn config(task: &str, predictors: &str, backend: Backend) -> Result<Config> {
     let mut layer = Layer::new("--tasks");
     layer.set("task", &format!("{task:?}"));
@@ -261,10 +232,4 @@ fn config(task: &str, predictors: &str, backend: Backend) -> Result<Config> {
 
 fn ms(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len().is_multiple_of(2) { (values[middle - 1] + values[middle]) / 2.0 } else { values[middle] }
 }

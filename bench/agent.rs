@@ -1,0 +1,54 @@
+//! A decision, piece by piece: `RAYON_NUM_THREADS=1 cargo bench --bench agent`. The goal is 1.5 times the reading of
+//! the actor's weights, in one world.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+
+use vamaro_swarm::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims};
+use vamaro_swarm::nn::{ActorKind, Networks, Policy, kernels, reference};
+use vamaro_swarm::world::Task;
+
+/// Numbers in [-1, 1] without a pattern that matters.
+fn numbers(len: usize) -> Vec<f32> {
+    (0..len).map(|at| (at as f32 * 0.37).sin()).collect()
+}
+
+fn pieces(c: &mut Criterion) {
+    let task = Task::parse("spread-xy-4").expect("a task");
+    for kind in [ActorKind::Mlp, ActorKind::Gru] {
+        let policy = Policy::untrained(&dims(&task), 0, Networks::paper(kind)).expect("the paper's networks");
+        let weights: Vec<&[f32]> = policy
+            .tensors()
+            .filter_map(|(spec, tensor)| spec.name.starts_with("actors.0.").then_some(tensor.values()))
+            .collect();
+        c.bench_function(&format!("the actor's weights read once, {kind}"), |bencher| {
+            bencher.iter(|| weights.iter().for_each(|values| _ = black_box(kernels::sum(values))))
+        });
+        for worlds in [1, 10] {
+            let imputer = ImputerName::Predictor(PREFERRED.to_owned());
+            let settings = AgentSettings { imputer, worlds, ..AgentSettings::for_task(&task) };
+            let mut agent = Agent::with_policy(&settings, &policy, 0).expect("an agent");
+            let observation = numbers(task.padded_obs_dim());
+            let inbox = Inbox::of(task.n_agents(), |_| Some(Received { tick: 1, observation: &observation }));
+            agent.begin_episode(worlds);
+            c.bench_function(&format!("fuse, {kind}, {worlds} worlds"), |bencher| {
+                bencher.iter(|| (0..worlds).for_each(|world| _ = agent.fuse(world, &observation, &inbox)))
+            });
+            c.bench_function(&format!("act, {kind}, {worlds} worlds"), |bencher| {
+                bencher.iter(|| agent.act(0, 0, worlds))
+            });
+            c.bench_function(&format!("predict, {kind}, {worlds} worlds"), |bencher| {
+                bencher.iter(|| agent.predict())
+            });
+            let mut actor = reference::Actor::new(&policy, 0, worlds);
+            let inputs = numbers(worlds * task.joint_dim());
+            c.bench_function(&format!("candle's actor, {kind}, {worlds} worlds"), |bencher| {
+                bencher.iter(|| actor.forward(worlds, &inputs))
+            });
+        }
+    }
+}
+
+criterion_group!(benches, pieces);
+criterion_main!(benches);

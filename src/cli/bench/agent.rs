@@ -1,0 +1,212 @@
+//! `bench agent`: what a decision takes.
+
+use std::hint::black_box;
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::json;
+
+use super::compare::Output;
+use super::some_seconds;
+use crate::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims, now_ns};
+use crate::cli::{keep_candle_to_its_thread, table, tell};
+use crate::error::Result;
+use crate::latency::{Distribution, repeat};
+use crate::nn::{ActorKind, Networks, Policy, kernels, reference};
+use crate::supervisor::signals;
+use crate::world::Task;
+
+/// One agent: a decision, beside reading its weights once and candle's forward pass
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  vamaro-swarm bench agent
+  vamaro-swarm bench agent --task hear-see --seconds 2 --json
+
+An agent of the paper's networks with an MLP and with a GRU as actor, on one thread, in one world
+and in ten: fuse and act are the decision, predict comes after it. All observations are delivered.
+Beside it the same weights are read once, and candle computes the same networks. Each figure is the
+median of all calls; everything is measured in turn, three times.")]
+pub struct BenchAgent {
+    /// The task
+    #[arg(long, value_name = "T", default_value = "spread-xy-4")]
+    task: String,
+
+    /// Seconds of each measurement
+    #[arg(long, value_name = "S", default_value_t = 0.3, value_parser = some_seconds)]
+    seconds: f64,
+
+    #[command(flatten)]
+    output: Output,
+}
+
+/// How often everything is measured in turn.
+const ROUNDS: u32 = 3;
+
+/// What is measured of an agent with one kind of actor in so many worlds.
+#[derive(Default)]
+struct Measured {
+    imputer: Distribution,
+    policy: Distribution,
+    decision: Distribution,
+    predict: Distribution,
+    stream_actor: Distribution,
+    stream_predictor: Distribution,
+    candle_actor: Distribution,
+    candle_predictor: Distribution,
+}
+
+impl BenchAgent {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        keep_candle_to_its_thread()?;
+        signals::install()?;
+        let task = Task::parse(&self.task)?;
+        let cases =
+            [ActorKind::Mlp, ActorKind::Gru].into_iter().flat_map(|kind| [1, 10].map(|rows| (kind, rows)));
+        let mut measured: Vec<_> = cases.map(|case| (case, Measured::default())).collect();
+        for round in 1..=ROUNDS {
+            tell(&format!("round {round} of {ROUNDS}"));
+            for ((kind, rows), measured) in &mut measured {
+                let policy = Policy::untrained(&dims(&task), 0, Networks::paper(*kind))?;
+                let longest = Duration::from_secs_f64(self.seconds / f64::from(ROUNDS));
+                measured.agent(&task, &policy, *rows, longest)?;
+                measured.weights(&policy, longest)?;
+                measured.candle(&task, &policy, *rows, longest)?;
+            }
+        }
+        let cases: Vec<_> =
+            measured.iter().map(|((kind, rows), measured)| measured.json(*kind, *rows)).collect();
+        self.output.print(json!({ "task": task.id(), "cases": cases }), || {
+            let columns: Vec<_> = measured.iter().map(|(_, measured)| measured.values()).collect();
+            let rows = FIGURES.iter().enumerate().map(|(at, (_, name))| {
+                let values = columns.iter().map(|column| format!("{:.2}", column[at]));
+                std::iter::once((*name).to_owned()).chain(values).collect()
+            });
+            let names = measured.iter().map(|((kind, rows), _)| format!("{kind}, {rows}"));
+            let header: Vec<String> = std::iter::once("actor, worlds".to_owned()).chain(names).collect();
+            let header: Vec<&str> = header.iter().map(String::as_str).collect();
+            let table = table(&header, rows);
+            format!("{}, one thread; medians of {} s, microseconds\n\n{table}", task.id(), self.seconds)
+        })
+    }
+}
+
+/// What is said of a case: the name for programs, and the line for people.
+const FIGURES: [(&str, &str); 11] = [
+    ("decision_us", "decision"),
+    ("imputer_us", "  imputer (fuse)"),
+    ("policy_us", "  policy (act)"),
+    ("stream_us", "the actor's weights read once"),
+    ("ratio_to_stream", "  ratio of the decision to that"),
+    ("candle_us", "candle's actor"),
+    ("ratio_to_candle", "  ratio of the decision to that"),
+    ("predict_us", "predict, after the decision"),
+    ("predict_stream_us", "the predictor's weights read once"),
+    ("predict_ratio_to_stream", "  ratio of predict to that"),
+    ("predict_candle_us", "candle's predictor"),
+];
+
+impl Measured {
+    /// In the order of [`FIGURES`].
+    fn values(&self) -> [f64; FIGURES.len()] {
+        let us = |distribution: &Distribution| distribution.quantile_us(0.5);
+        let (decision, predict) = (us(&self.decision), us(&self.predict));
+        let (stream, candle) = (us(&self.stream_actor), us(&self.candle_actor));
+        let predict_stream = us(&self.stream_predictor);
+        [
+            decision,
+            us(&self.imputer),
+            us(&self.policy),
+            stream,
+            decision / stream,
+            candle,
+            decision / candle,
+            predict,
+            predict_stream,
+            predict / predict_stream,
+            us(&self.candle_predictor),
+        ]
+    }
+
+    fn json(&self, actor: ActorKind, worlds: usize) -> serde_json::Value {
+        let values = FIGURES.iter().zip(self.values());
+        let values = values.map(|((key, _), value)| ((*key).to_owned(), json!(value)));
+        let case = [("actor".to_owned(), json!(actor)), ("worlds".to_owned(), json!(worlds))];
+        case.into_iter().chain(values).collect::<serde_json::Map<_, _>>().into()
+    }
+
+    /// The agent's own tick.
+    fn agent(&mut self, task: &Task, policy: &Policy, worlds: usize, longest: Duration) -> Result<()> {
+        let imputer = ImputerName::Predictor(PREFERRED.to_owned());
+        let settings = AgentSettings { imputer, worlds, ..AgentSettings::for_task(task) };
+        let mut agent = Agent::with_policy(&settings, policy, 0)?;
+        let observation: Vec<f32> = numbers(task.padded_obs_dim());
+        let received = Some(Received { tick: 1, observation: &observation });
+        agent.begin_episode(worlds);
+        let mut step = 0;
+        repeat(longest, |counts| {
+            step += 1;
+            let began = now_ns();
+            for world in 0..worlds {
+                black_box(agent.fuse(world, &observation, &Inbox::of(task.n_agents(), |_| received)));
+            }
+            let fused = now_ns();
+            agent.act(0, step, worlds);
+            let acted = now_ns();
+            agent.predict();
+            if counts {
+                self.imputer.record(fused - began);
+                self.policy.record(acted - fused);
+                self.decision.record(acted - began);
+                self.predict.record(now_ns() - acted);
+            }
+            Ok(())
+        })
+    }
+
+    /// The least that a decision of one row does: it reads each weight.
+    fn weights(&mut self, policy: &Policy, longest: Duration) -> Result<()> {
+        let weights = |prefix: &str| -> Vec<&[f32]> {
+            let tensors = policy.tensors().filter(|(spec, _)| spec.name.starts_with(prefix));
+            tensors.map(|(_, tensor)| tensor.values()).collect()
+        };
+        let (actor, predictor) = (weights("actors.0."), weights("predictors."));
+        let read = |weights: &[&[f32]]| {
+            let began = now_ns();
+            weights.iter().for_each(|values| _ = black_box(kernels::sum(values)));
+            now_ns() - began
+        };
+        repeat(longest, |counts| {
+            let (actor, predictor) = (read(&actor), read(&predictor));
+            if counts {
+                self.stream_actor.record(actor);
+                self.stream_predictor.record(predictor);
+            }
+            Ok(())
+        })
+    }
+
+    /// The same networks in candle.
+    fn candle(&mut self, task: &Task, policy: &Policy, rows: usize, longest: Duration) -> Result<()> {
+        let mut actor = reference::Actor::new(policy, 0, rows);
+        let mut predictor = reference::Predictor::new(policy, PREFERRED, rows);
+        let inputs = numbers(rows * task.joint_dim());
+        repeat(longest, |counts| {
+            let began = now_ns();
+            black_box(actor.forward(rows, &inputs));
+            let acted = now_ns();
+            black_box(predictor.step(rows, &inputs));
+            if counts {
+                self.candle_actor.record(acted - began);
+                self.candle_predictor.record(now_ns() - acted);
+            }
+            Ok(())
+        })
+    }
+}
+
+/// Numbers in [-1, 1] without a pattern that matters.
+fn numbers(len: usize) -> Vec<f32> {
+    (0..len).map(|at| (at as f32 * 0.37).sin()).collect()
+}

@@ -1,0 +1,60 @@
+//! `bench`: what this machine reaches, one file per measurement.
+
+mod agent;
+mod compare;
+mod latency;
+mod spawn;
+mod train;
+mod world;
+
+use clap::{Args, Subcommand};
+
+use crate::error::Result;
+
+/// Measure what this machine reaches
+#[derive(Debug, Args)]
+pub struct Bench {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Training: env steps/s, where the time goes, and the same with candle
+    Train(train::BenchTrain),
+    /// Latency: hops between processes over our bus and others, ticks, decisions
+    Latency(latency::BenchLatency),
+    /// Worlds: env steps/s on one core
+    World(world::BenchWorld),
+    /// One agent: a decision, beside reading its weights once and candle's forward pass
+    Agent(agent::BenchAgent),
+    /// Swarms: start-up, memory per agent, and how the time of a tick grows
+    Spawn(spawn::BenchSpawn),
+}
+
+impl Bench {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        match self.what {
+            What::Train(command) => command.run(),
+            What::Latency(command) => command.run(),
+            What::World(command) => command.run(),
+            What::Agent(command) => command.run(),
+            What::Spawn(command) => command.run(),
+        }
+    }
+}
+
+/// Too short a time measures nothing.
+fn some_seconds(text: &str) -> std::result::Result<f64, String> {
+    match super::train::seconds(text)? {
+        seconds if seconds >= 0.1 => Ok(seconds),
+        _ => Err("expected 0.1 seconds or more".to_owned()),
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    if values.len().is_multiple_of(2) { (values[middle - 1] + values[middle]) / 2.0 } else { values[middle] }
+}

@@ -1,0 +1,106 @@
+//! A swarm that plays to be measured.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+
+use super::pin::Pinned;
+use crate::agents::{AgentSettings, ImputerName, PREFERRED, PolicySource, dims, paper_actor};
+use crate::bus::Wait;
+use crate::error::{Error, Result};
+use crate::link::{LinkModel, Links};
+use crate::nn::{Networks, Policy};
+use crate::supervisor::{Decisions, Processes, Stage, Team};
+use crate::world::{EPISODE_STEPS, Task};
+
+/// What a team of some size plays with: its task, and the paper's networks with random weights in a file.
+#[derive(Debug)]
+pub struct Setup {
+    task: Task,
+    policy: PathBuf,
+    _folder: TempDir,
+}
+
+impl Setup {
+    /// For a team of `agents`: `spread-blindfold` has a task for any.
+    pub fn new(agents: usize) -> Result<Setup> {
+        let task = Task::parse(&format!("spread-blindfold-{agents}"))?;
+        let folder = tempfile::tempdir().map_err(|e| Error::io("make", &std::env::temp_dir(), e.kind()))?;
+        let path = folder.path().join("policy.safetensors");
+        Policy::untrained(&dims(&task), 0, Networks::paper(paper_actor(&task)))?.save(&path)?;
+        Ok(Setup { task, policy: path, _folder: folder })
+    }
+
+    /// The task.
+    pub fn task(&self) -> &Task {
+        &self.task
+    }
+
+    /// Bytes of the observation that an agent publishes for so many worlds.
+    pub fn payload(&self, worlds: usize) -> usize {
+        worlds * 4 * self.task.padded_obs_dim()
+    }
+
+    /// The number of worlds whose observations come closest to this many bytes.
+    pub fn worlds(&self, payload: usize) -> usize {
+        let one = self.payload(1);
+        ((payload + one / 2) / one).max(1)
+    }
+}
+
+/// A swarm of processes at play, all of whose observations are delivered.
+#[derive(Debug)]
+pub struct Played {
+    stage: Stage,
+    team: Processes,
+    decisions: Decisions,
+}
+
+impl Played {
+    /// Starts a team in so many worlds.
+    pub fn start(setup: &Setup, worlds: usize, wait: Wait) -> Result<Played> {
+        let task = &setup.task;
+        let policy = PolicySource::File(setup.policy.clone());
+        let imputer = ImputerName::Predictor(PREFERRED.to_owned());
+        let settings = AgentSettings { policy, imputer, worlds, ..AgentSettings::for_task(task) };
+        let team = Processes::start(&settings, &settings.policy.load(task)?, wait)?;
+        let links = LinkModel::new(Links::Level(1.0), settings.seed, true);
+        let stage = Stage::new(task, links, settings.seed, worlds);
+        Ok(Played { stage, team, decisions: Decisions::default() })
+    }
+
+    /// The agents.
+    pub fn team(&self) -> &Processes {
+        &self.team
+    }
+
+    /// Plays one step; how long it took from the first sensor message to the last decision.
+    pub fn tick(&mut self) -> Result<Duration> {
+        let Played { stage, team, decisions } = self;
+        if stage.tick().worlds == 0 || stage.tick().step as usize == EPISODE_STEPS {
+            stage.begin_episodes(u64::MAX);
+        }
+        stage.sense();
+        stage.draw_links();
+        let began = Instant::now();
+        team.tick(&stage.tick(), decisions)?;
+        let elapsed = began.elapsed();
+        stage.step_worlds(&decisions.actions);
+        Ok(elapsed)
+    }
+
+    /// Plays for so long, at least ten steps, after a tenth of it to warm up, and tells `each` of the steps after that.
+    /// Each process has a core of its own where there are enough.
+    pub fn play(&mut self, longest: Duration, mut each: impl FnMut(&Processes, Duration)) -> Result<()> {
+        let processes: Vec<u32> = self.team.process_ids().collect();
+        let _pinned = Pinned::new(&processes);
+        super::repeat(longest, |counts| {
+            let elapsed = self.tick()?;
+            if counts {
+                each(&self.team, elapsed);
+            }
+            Ok(())
+        })
+    }
+}
