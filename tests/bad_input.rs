@@ -115,8 +115,7 @@ fn a_policy_in_a_folder_whose_name_is_no_text() {
     std::fs::rename(path, odd.join("policy.safetensors")).unwrap();
     let mut command = common::command("spawn --policy policy.safetensors --episodes 1");
     let output = command.current_dir(&odd).output().unwrap();
-    assert_eq!(output.status.code(), Some(2), "{}", common::stderr(&output));
-    assert!(common::stderr(&output).contains("UTF-8"), "{}", common::stderr(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", common::stderr(&output));
 }
 
 #[test]

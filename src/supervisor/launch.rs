@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::{failed, usage};
+use crate::failed;
 
 /// This program, even if its file has been replaced since it started.
 const SELF: &str = "/proc/self/exe";
@@ -34,9 +34,8 @@ impl ChildProcess {
         settings: &impl Serialize,
         [stdin, stdout]: [Stdio; 2],
     ) -> Result<ChildProcess> {
-        // Only a path can be no text.
-        let json = serde_json::to_string(settings)
-            .map_err(|_| usage!("the path of the policy is not UTF-8; move it to a folder whose name is"))?;
+        let json =
+            serde_json::to_string(settings).expect("paths in settings are a swarm's own, which are text");
         let mut process = Command::new(SELF);
         // A group of its own: Ctrl-C reaches the supervisor alone, which takes its processes down in order.
         process.arg0("vamaro-swarm").args([command, &json]).process_group(0);
