@@ -46,7 +46,7 @@ pub struct Provenance {
 /// have something to show. Returns where they are.
 ///
 /// # Errors
-/// [`Error::Failed`](crate::error::Error::Failed) if a file cannot be written; those before it are complete.
+/// [`Error::Failed`] if a file cannot be written; those before it are complete.
 pub fn write(
     folder: &Path,
     evaluation: &Evaluation,
