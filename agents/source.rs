@@ -39,8 +39,7 @@ pub enum PolicySource {
 }
 
 impl PolicySource {
-    /// Loads the policy for a task. Weights in a file or in the program stay where they are and are
-    /// shared by all processes.
+    /// Loads the policy for a task. Weights that are stored as f32, in a file or in the program, stay where they are.
     pub fn load(&self, task: &Task) -> Result<Policy> {
         match self {
             PolicySource::Builtin => {

@@ -2,6 +2,11 @@
 
 use std::sync::{Mutex, PoisonError};
 
+/// The cores this program may use; 1 if nobody can tell.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 /// Does `work` on every task, on `threads` threads, this one among them. A free thread takes the next task; no
 /// task sees another, so who does it makes no difference.
 pub fn side_by_side<T: Send>(threads: usize, tasks: impl Iterator<Item = T> + Send, work: impl Fn(T) + Sync) {

@@ -9,6 +9,7 @@ use crate::bus::{check_writable, leftovers, open_files_needed, shared_memory_fre
 use crate::error::Result;
 use crate::failed;
 use crate::rng::MAX_AGENTS;
+use crate::threads;
 use crate::world::Task;
 
 /// Tell whether this machine is ready, and clean up after dead swarms
@@ -84,7 +85,7 @@ impl Finding {
 }
 
 fn cores() -> Finding {
-    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let cores = threads::cores();
     match cores {
         1 => Finding::fair("1 core: every wake-up is a context switch, and --wait spin will crawl"),
         _ => Finding::good(format!("{cores} cores; --wait spin wants one for each agent and the supervisor")),

@@ -4,10 +4,10 @@ use serde_json::{Value, json};
 
 use crate::agents::{AgentSettings, PolicySource};
 use crate::bus::Wait;
-use crate::evaluate::thousands;
 use crate::link::{Links, complement};
 use crate::nn::Meta;
 use crate::supervisor::{Audit, Statistics};
+use crate::table::thousands;
 use crate::world::Task;
 
 /// What was asked for. With what came of it, it makes a summary.

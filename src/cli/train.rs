@@ -16,6 +16,7 @@ use crate::agents::process::leave_with;
 use crate::bus::Wait;
 use crate::error::Result;
 use crate::supervisor::{InProcess, Processes, signals};
+use crate::threads::cores;
 use crate::train::{
     Algorithm, Backend, Checkpoint, Config, Layer, Pace, Preset, Run, RunFolder, Trial, estimate,
 };
@@ -347,7 +348,6 @@ impl Train {
 
 /// The threads that were asked for, or one per core.
 pub(super) fn threads(wanted: Option<u32>) -> usize {
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     wanted.map_or_else(cores, |threads| threads as usize)
 }
 

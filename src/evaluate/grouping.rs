@@ -1,6 +1,7 @@
 //! Which policies were trained alike, and what they played.
 
 use super::evaluation::{Condition, Evaluation, Outcome};
+use crate::table::thousands;
 
 /// Policies of one task that were trained alike.
 pub(super) struct Alike<'a> {
@@ -82,13 +83,4 @@ pub(super) fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
         }
     }
     seen
-}
-
-/// A number of steps with its unit: millions or thousands where there are some.
-pub(crate) fn thousands(steps: u64) -> String {
-    match steps {
-        100_000.. => format!("{} M", steps as f64 / 1e6),
-        1_000.. => format!("{} k", steps as f64 / 1e3),
-        _ => steps.to_string(),
-    }
 }

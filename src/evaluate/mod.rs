@@ -27,7 +27,6 @@ pub use claims::{Claim, Claims, Scope};
 pub use evaluation::{
     AgeErrors, Calibration, Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings, UnitErrors,
 };
-pub(crate) use grouping::thousands;
 pub use record::Record;
 pub use require::{Metric, Requirement, Verdict};
 pub use summary::{Aggregate, CellSummary, Comparison, Group, ImputerSummary, Interval, Summary};

@@ -18,6 +18,7 @@ use crate::latency::{Distribution, Hop, Medium, OVERRUN, PAYLOADS, QUANTILES, Se
 use crate::plot::{Figure, Panel, Point, Series};
 use crate::rng::MAX_AGENTS;
 use crate::supervisor::signals;
+use crate::threads::cores;
 
 /// Latency: hops between processes over our bus and others, ticks, decisions
 #[derive(Debug, Args)]
@@ -251,10 +252,6 @@ impl Measured {
 
 /// A distribution of a tick.
 type Part = fn(&Tick) -> &Distribution;
-
-fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
-}
 
 fn pairs(waits: &[Wait], payloads: &[usize]) -> Vec<(Wait, usize)> {
     waits.iter().flat_map(|wait| payloads.iter().map(|payload| (*wait, *payload))).collect()
