@@ -1,17 +1,13 @@
 //! An agent on the bus: the phases of its tick by name.
 
-use std::time::Duration;
-
-use rustix::time::{ClockId, clock_gettime};
-
 use super::{Agent, Mailbox};
-use crate::bus::{AgentPort, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample};
+use crate::bus::{AgentPort, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, now_ns};
 use crate::error::Result;
 use crate::failed;
 
 /// One agent and its port. The same code runs as a process and in-process.
 ///
-/// A tick is `sense`, `publish`, `collect` until true, `decide`, `predict`.
+/// A tick is `sense`, `publish`, `collect` until true or until its deadline, `decide`, `predict`.
 pub struct Member<P: AgentPort> {
     agent: Agent,
     port: P,
@@ -20,6 +16,8 @@ pub struct Member<P: AgentPort> {
     identity: Header,
     mailbox: Mailbox<P::Sample>,
     sensor: Option<P::Sample>,
+    /// That of world 0.
+    episode: Option<u64>,
     /// Per world, whose observations were used.
     rows: Vec<u64>,
 }
@@ -46,7 +44,7 @@ impl<P: AgentPort> Member<P> {
             ..Header::default()
         };
         let mailbox = Mailbox::new(agent.team(), swarm, layout.observation);
-        Member { agent, port, layout, identity, mailbox, sensor: None, rows: Vec::new() }
+        Member { agent, port, layout, identity, mailbox, sensor: None, episode: None, rows: Vec::new() }
     }
 
     /// The agent's port.
@@ -60,26 +58,34 @@ impl<P: AgentPort> Member<P> {
         self.port.publish_decision(header, |_| {})
     }
 
-    /// Reads the own sensor, if its message is there.
+    /// Reads the own sensor, if its message is there: the newest, since in real time an agent may have missed some.
     pub fn sense(&mut self) -> Result<Sensed> {
-        let Some(sample) = self.port.receive_sensor()? else { return Ok(Sensed::Nothing) };
-        let (header, swarm) = (*sample.header(), self.identity.swarm);
-        if header.fits(Kind::Shutdown, swarm, 0) {
-            return Ok(Sensed::Shutdown);
+        let (mut sensed, swarm) = (Sensed::Nothing, self.identity.swarm);
+        while let Some(sample) = self.port.receive_sensor()? {
+            let (header, words) = (*sample.header(), sample.words().len());
+            if header.fits(Kind::Shutdown, swarm, 0) {
+                return Ok(Sensed::Shutdown);
+            }
+            if !header.fits(Kind::Sensor, swarm, words)
+                || words != self.layout.sensor_words(header.worlds as usize)
+                || header.worlds as usize > self.agent.worlds()
+            {
+                return Err(failed!("agent-{} got a message it cannot read: {header:?}", self.agent.index()));
+            }
+            self.sensor = Some(sample);
+            sensed = Sensed::Tick;
         }
-        let words = sample.words().len();
-        if !header.fits(Kind::Sensor, swarm, words)
-            || words != self.layout.sensor_words(header.worlds as usize)
-            || header.worlds as usize > self.agent.worlds()
-        {
-            return Err(failed!("agent-{} got a message it cannot read: {header:?}", self.agent.index()));
+        if sensed == Sensed::Tick {
+            self.begin_tick()?;
         }
-        if header.step == 0 {
-            self.take_weights(header.weights)?;
-            self.agent.begin_episode(header.worlds as usize);
-        }
-        self.sensor = Some(sample);
-        Ok(Sensed::Tick)
+        Ok(sensed)
+    }
+
+    /// When the observations of the tick have to be in, nanoseconds of the monotonic clock; `None` in lockstep, where
+    /// all of them are waited for.
+    pub fn deadline_ns(&self) -> Option<u64> {
+        let deadline_ns = self.sensor.as_ref().expect("the deadline follows sense").header().deadline_ns;
+        (deadline_ns > 0).then_some(deadline_ns)
     }
 
     /// Publishes the own observation to the peers.
@@ -126,6 +132,19 @@ impl<P: AgentPort> Member<P> {
         self.agent.predict();
     }
 
+    /// Begins an episode, if this is the first tick of it that the agent sees.
+    fn begin_tick(&mut self) -> Result<()> {
+        let Header { episode, step, worlds, weights, .. } =
+            *self.sensor.as_ref().expect("begin follows sense").header();
+        if step > 0 && self.episode == Some(episode) {
+            return Ok(());
+        }
+        self.take_weights(weights)?;
+        self.agent.begin_episode(worlds as usize);
+        self.episode = Some(episode);
+        Ok(())
+    }
+
     /// Takes the weights that are in force in the episode that begins. They were published before the message
     /// that says so, so there is nothing to wait for.
     fn take_weights(&mut self, in_force: u64) -> Result<()> {
@@ -156,12 +175,6 @@ impl<P: AgentPort> Member<P> {
         let (kind, length, sent_ns) = (kind as u32, words as u64, now_ns());
         Header { protocol, swarm, incarnation, sender, kind, length, sent_ns, ..*to }
     }
-}
-
-/// Nanoseconds of the monotonic clock, which all processes of a machine share.
-pub fn now_ns() -> u64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    Duration::new(now.tv_sec as u64, now.tv_nsec as u32).as_nanos() as u64
 }
 
 #[cfg(test)]

@@ -21,5 +21,5 @@ mod source;
 pub use agent::{Agent, AgentSettings};
 pub use imputer::{Imputer, JointLayout};
 pub use inbox::{Inbox, Mailbox, Received};
-pub use member::{Member, Sensed, now_ns};
+pub use member::{Member, Sensed};
 pub use source::{BUILTIN, ImputerName, PREFERRED, PolicySource, dims, paper_actor};

@@ -6,7 +6,7 @@ use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 
 use super::{Agent, AgentSettings, Member, Sensed};
-use crate::bus::{AgentSharedPort, SwarmAddress, Wait, wait_until};
+use crate::bus::{AgentSharedPort, SwarmAddress, Wait, wait_for_moment, wait_until, wake_on_time};
 use crate::error::Result;
 use crate::failed;
 
@@ -40,6 +40,7 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     // What `top` and `ps` show; not worth an error.
     let name = std::ffi::CString::new(format!("vs-agent-{}", process.agent)).expect("no NUL in it");
     let _ = rustix::thread::set_name(&name);
+    wake_on_time();
     let ProcessSettings { address, agent, incarnation, wait, settings, .. } = process;
     let agent = Agent::new(settings, *agent)?;
     let layout = settings.layout()?;
@@ -49,14 +50,29 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     wake(&member, *wait)?;
     while next_tick(&mut member, *wait)? {
         member.publish()?;
-        wake(&member, *wait)?;
-        let deadline = Instant::now() + PEER_DEADLINE;
-        wait_until(&mut member, *wait, deadline, sleep, Member::collect)?;
-        member.decide()?;
-        wake(&member, *wait)?;
+        match member.deadline_ns() {
+            None => in_lockstep(&mut member, *wait)?,
+            Some(deadline_ns) => in_real_time(&mut member, *wait, deadline_ns)?,
+        }
         member.predict();
     }
     Ok(())
+}
+
+/// Decides when all observations are in. The supervisor waits for either.
+fn in_lockstep(member: &mut SharedMember, wait: Wait) -> Result<()> {
+    wake(member, wait)?;
+    let deadline = Instant::now() + PEER_DEADLINE;
+    wait_until(member, wait, deadline, sleep, Member::collect)?;
+    member.decide()?;
+    wake(member, wait)
+}
+
+/// Decides at the deadline, with the observations that are in. The supervisor looks at its own time.
+fn in_real_time(member: &mut SharedMember, wait: Wait, deadline_ns: u64) -> Result<()> {
+    while !wait_for_moment(wait, deadline_ns) {}
+    member.collect()?;
+    member.decide()
 }
 
 type SharedMember = Member<AgentSharedPort>;

@@ -12,14 +12,14 @@
 //!
 //! | room | what is in it |
 //! |---|---|
-//! | [`error`], [`file`](mod@file), [`machine`], [`rng`], [`stats`], [`table`], [`threads`] | errors with exit codes, files that appear whole, what results were made on, addressed draws, statistics, tables for terminals, work side by side |
+//! | [`distribution`], [`error`], [`file`](mod@file), [`machine`], [`rng`], [`stats`], [`table`], [`threads`] | distributions of times, errors with exit codes, files that appear whole, what results were made on, addressed draws, statistics, tables for terminals, work side by side |
 //! | [`world`] | physics and tasks |
 //! | [`link`] | who receives whom |
 //! | [`nn`] | actor, predictor, kernels, policy file |
 //! | [`bus`] | messages in shared memory, and their in-process twin |
 //! | [`agents`] | the agent's side: inbox, imputer, policy, process |
 //! | [`recording`] | recorded episodes |
-//! | [`supervisor`] | launches agents, plays episodes in lockstep, watches and reaps |
+//! | [`supervisor`] | launches agents, plays episodes in lockstep or by the clock, watches and reaps |
 //! | [`train`] | how a team learns: actors, critics, predictors, one update |
 //! | [`metrics`] | what a training run writes down as it goes |
 //! | [`plot`] | charts as SVG |
@@ -34,6 +34,7 @@
 pub mod agents;
 pub mod bus;
 pub mod cli;
+pub mod distribution;
 pub mod error;
 pub mod evaluate;
 pub mod file;

@@ -7,7 +7,7 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Version of the header and the layouts; a receiver refuses any other.
-pub const PROTOCOL: u32 = 3;
+pub const PROTOCOL: u32 = 4;
 
 /// What a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,6 +56,9 @@ pub struct Header {
     pub weights: u64,
     /// When it was sent, nanoseconds of the monotonic clock.
     pub sent_ns: u64,
+    /// When agents decide with the observations that have arrived, nanoseconds of the monotonic clock; 0 in lockstep,
+    /// where they wait for all of them.
+    pub deadline_ns: u64,
 }
 
 impl Header {

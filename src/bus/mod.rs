@@ -13,6 +13,7 @@
 //! The supervisor reads observations along only to know when all of a tick are published. Swarms that play a
 //! frozen policy have no service for weights.
 
+mod clock;
 mod directory;
 mod local;
 mod message;
@@ -20,6 +21,7 @@ mod services;
 mod shared;
 mod wait;
 
+pub use clock::{now_ns, wait_for_moment, wake_on_time};
 pub use directory::{Leftover, SwarmDirectory, check_writable, leftovers, shared_memory_free};
 pub use local::{LocalHub, LocalPort, LocalSample};
 pub use message::{Decision, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sensor};

@@ -22,8 +22,8 @@ const BORROWED: usize = 2;
 /// Samples of one publisher that wait for a receiver. The newest wins when they are more.
 const BUFFERED: usize = 2;
 
-/// Samples a publisher has room for. In lockstep no more than three are in use at a time: being
-/// written, in the buffers, and in the inboxes. The rest is for peers that are late.
+/// Samples a publisher has room for in lockstep, where no more than three are in use at a time: being written, in the
+/// buffers, and in the inboxes.
 const SAMPLES: usize = 8;
 
 /// Samples of weights there is room for. Every agent has copied the last ones before the next are published;
@@ -41,6 +41,8 @@ pub struct SwarmAddress {
     pub worlds: usize,
     /// How many weights are published at a time; 0 if the policy stays as it is.
     pub weights: usize,
+    /// Whether it plays by the clock, where no agent waits for another.
+    pub real_time: bool,
 }
 
 pub(super) type Words = publish_subscribe::PortFactory<ipc::Service, [u32], Header>;
@@ -69,6 +71,11 @@ pub(crate) enum Role {
 }
 
 impl SwarmAddress {
+    /// A swarm of one agent in one world, in lockstep, with a policy that stays as it is.
+    pub fn of(tag: &str) -> SwarmAddress {
+        SwarmAddress { tag: tag.to_owned(), agents: 1, worlds: 1, weights: 0, real_time: false }
+    }
+
     /// The number that marks this swarm's messages.
     pub fn id(&self) -> u64 {
         u64::from_str_radix(&self.tag, 16).unwrap_or_default()
@@ -97,6 +104,11 @@ impl SwarmAddress {
     /// The service by which the supervisor speaks to one agent.
     pub(super) fn sensor(&self, node: &Node<ipc::Service>, agent: usize, role: Role) -> Result<Words> {
         self.words(node, &format!("sensor-{agent}"), 1, 1, role)
+    }
+
+    /// A publisher of messages of up to `words` words.
+    pub(super) fn publisher(&self, service: &Words, words: usize) -> Result<WordPublisher> {
+        publisher_of(service, words, if self.real_time { usize::MAX } else { SAMPLES })
     }
 
     fn words(
@@ -175,11 +187,6 @@ fn config(tag: &str, role: Role) -> Result<Config> {
     Ok(config)
 }
 
-/// A publisher of messages of up to `words` words.
-pub(super) fn publisher(service: &Words, words: usize) -> Result<WordPublisher> {
-    publisher_of(service, words, SAMPLES)
-}
-
 /// A publisher of so many weights.
 pub(super) fn weights_publisher(service: &Words, words: usize) -> Result<WordPublisher> {
     publisher_of(service, words, WEIGHTS_SAMPLES)
@@ -202,12 +209,16 @@ pub(super) fn subscriber(service: &Words) -> Result<WordSubscriber> {
 
 /// How much shared memory a swarm may come to use, in bytes: payloads, and what iceoryx2 needs to manage
 /// them (measured: a page of 4 KiB for each connection of a publisher and a subscriber, a few for each
-/// process; twice that to be safe). `weights` are published at a time, 0 if the policy stays as it is.
-pub fn shared_memory_needed(agents: usize, worlds: usize, weights: usize, layout: &Layout) -> u64 {
-    let per_agent =
-        layout.sensor_words(worlds) + layout.observation_words(worlds) + layout.decision_words(worlds);
-    let headers = 3 * 256;
-    let payloads = agents * SAMPLES * (4 * per_agent + headers);
+/// process; twice that to be safe).
+pub fn shared_memory_needed(address: &SwarmAddress, layout: &Layout) -> u64 {
+    let SwarmAddress { agents, worlds, weights, real_time, .. } = *address;
+    let message = |words: usize| 4 * words + 256;
+    // Receivers that do not wait for each other hold different messages, each as many as it may.
+    let observations = if real_time { (agents + 1) * (BUFFERED + BORROWED) + 1 } else { SAMPLES };
+    let payloads = SAMPLES * message(layout.sensor_words(worlds))
+        + observations * message(layout.observation_words(worlds))
+        + SAMPLES * message(layout.decision_words(worlds));
+    let payloads = agents * payloads;
     let weights = WEIGHTS_SAMPLES * 4 * weights;
     let connections = agents * (agents + 4);
     (payloads + weights + connections * 8 * 1024 + (agents + 1) * 64 * 1024) as u64

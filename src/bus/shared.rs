@@ -10,7 +10,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::ipc;
 
 use super::services::{
-    Event, Role, Services, WordPublisher, WordSubscriber, bus_error, publisher, subscriber, weights_publisher,
+    Event, Role, Services, WordPublisher, WordSubscriber, bus_error, subscriber, weights_publisher,
 };
 use super::{AgentPort, Header, Layout, Sample, SwarmAddress};
 use crate::error::Result;
@@ -49,7 +49,8 @@ impl SupervisorPort {
         let node = address.node(Role::Supervisor)?;
         let services = address.services(&node, Role::Supervisor)?;
         let sensor = |agent| {
-            publisher(&address.sensor(&node, agent, Role::Supervisor)?, layout.sensor_words(address.worlds))
+            let service = address.sensor(&node, agent, Role::Supervisor)?;
+            address.publisher(&service, layout.sensor_words(address.worlds))
         };
         Ok(SupervisorPort {
             sensors: (0..address.agents).map(sensor).collect::<Result<_>>()?,
@@ -121,9 +122,9 @@ impl AgentSharedPort {
             address.services(&node, Role::Agent)?;
         Ok(AgentSharedPort {
             sensor: subscriber(&address.sensor(&node, agent, Role::Agent)?)?,
-            observations_out: publisher(&observations, layout.observation_words(address.worlds))?,
+            observations_out: address.publisher(&observations, layout.observation_words(address.worlds))?,
             observations_in: subscriber(&observations)?,
-            decisions: publisher(&decisions, layout.decision_words(address.worlds))?,
+            decisions: address.publisher(&decisions, layout.decision_words(address.worlds))?,
             weights: weights.as_ref().map(subscriber).transpose()?,
             wake_supervisor: notifier(&wake_supervisor)?,
             woken: listener(&wake_agents)?,

@@ -20,7 +20,7 @@ pub enum Wait {
 }
 
 /// The longest a process sleeps before it looks again: a lost wake-up costs this, not a deadlock.
-const LONGEST_SLEEP: Duration = Duration::from_millis(100);
+pub(super) const LONGEST_SLEEP: Duration = Duration::from_millis(100);
 
 /// Waits until `ready` holds or the deadline passes; true if it held.
 ///

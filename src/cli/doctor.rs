@@ -5,7 +5,9 @@ use rustix::process::{Resource, getrlimit};
 
 use super::print;
 use crate::agents::AgentSettings;
-use crate::bus::{check_writable, leftovers, open_files_needed, shared_memory_free, shared_memory_needed};
+use crate::bus::{
+    SwarmAddress, check_writable, leftovers, open_files_needed, shared_memory_free, shared_memory_needed,
+};
 use crate::error::Result;
 use crate::failed;
 use crate::rng::MAX_AGENTS;
@@ -95,7 +97,10 @@ fn cores() -> Finding {
 fn shared_memory() -> Finding {
     let layout = Task::parse("spread-xy-4").and_then(|task| AgentSettings::for_task(&task).layout());
     let (free, total, needed) = match (shared_memory_free(), layout) {
-        (Ok((free, total)), Ok(layout)) => (free, total, shared_memory_needed(4, 10, 0, &layout)),
+        (Ok((free, total)), Ok(layout)) => {
+            let address = SwarmAddress { agents: 4, worlds: 10, ..SwarmAddress::of("") };
+            (free, total, shared_memory_needed(&address, &layout))
+        }
         (Err(e), _) | (_, Err(e)) => return Finding::bad(e.to_string()),
     };
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::summary::Summary;
+use super::summary::{Outcome, Summary};
 use super::{policy_source, print, print_json};
 use crate::agents::{AgentSettings, ImputerName, PolicySource};
 use crate::bus::Wait;
@@ -15,7 +15,7 @@ use crate::link::{CommunicationMatrix, LinkModel, Links, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::{Header, Recorder};
 use crate::rng::MAX_AGENTS;
-use crate::supervisor::{Audit, InProcess, Processes, Session, Statistics, Team, signals};
+use crate::supervisor::{Audit, Conduct, InProcess, Processes, Session, Statistics, Team, signals};
 use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
 
@@ -86,6 +86,12 @@ pub struct Spawn {
     #[arg(long, value_enum, default_value_t, conflicts_with = "in_process")]
     wait: Wait,
 
+    /// Ticks a second: run against the clock instead of in lockstep. Agents decide at half of each period, with what
+    /// has arrived; what is late is lost, and who is late repeats its last action
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true,
+        conflicts_with_all = ["in_process", "record"])]
+    rate: Option<f64>,
+
     /// Count each part of each policy input as own, received or imputed, and compare it with what was
     /// sent
     #[arg(long)]
@@ -105,6 +111,7 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0.2
   vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --episodes 1000 --worlds 10
   vamaro-swarm spawn --task spread-blindfold-6 --policy untrained --links dynamic --audit
+  vamaro-swarm spawn --agents 4 --p 0.2 --rate 100     in real time, 100 Hz
   vamaro-swarm spawn --task SXY-4 --p 0.6 --record trace.json && vamaro-swarm verify trace.json";
 
 impl Spawn {
@@ -127,17 +134,25 @@ impl Spawn {
             settings: &settings,
             policy: policy.meta(),
             wait: (!self.in_process).then_some(self.wait),
+            rate: self.rate,
             episodes: self.episodes,
         };
+        let mut punctuality = None;
         let (statistics, audit) = if self.in_process {
             self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder)?
         } else {
-            self.play(&mut Processes::start(&settings, &policy, self.wait)?, &summary, recorder)?
+            let conduct = Conduct { wait: self.wait, rate: self.rate };
+            let mut team = Processes::start(&settings, &policy, conduct)?;
+            let played = self.play(&mut team, &summary, recorder)?;
+            punctuality = team.punctuality().cloned();
+            played
         };
+        let outcome =
+            Outcome { statistics: &statistics, audit: audit.as_ref(), punctuality: punctuality.as_ref() };
         if self.json {
-            print_json(&summary.json(&statistics, audit.as_ref()))?;
+            print_json(&summary.json(&outcome))?;
         } else {
-            print(&summary.text(&statistics, audit.as_ref()))?;
+            print(&summary.text(&outcome))?;
         }
         let played = statistics.episodes().len() as u64;
         match audit {
@@ -293,5 +308,12 @@ fn probability(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
         _ => Err("expected a probability between 0 and 1, such as 0.2".to_owned()),
+    }
+}
+
+fn rate(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(hz) if (0.1..=100_000.0).contains(&hz) => Ok(hz),
+        _ => Err("expected ticks a second from 0.1 to 100000, such as 100".to_owned()),
     }
 }

@@ -4,9 +4,10 @@ use serde_json::{Value, json};
 
 use crate::agents::{AgentSettings, PolicySource};
 use crate::bus::Wait;
+use crate::distribution::Distribution;
 use crate::link::{Links, complement};
 use crate::nn::Meta;
-use crate::supervisor::{Audit, Statistics};
+use crate::supervisor::{Audit, Punctuality, Statistics};
 use crate::table::thousands;
 use crate::world::Task;
 
@@ -19,7 +20,17 @@ pub(super) struct Summary<'a> {
     pub(super) policy: &'a Meta,
     /// `None` in-process, where nobody waits.
     pub(super) wait: Option<Wait>,
+    /// `None` in lockstep.
+    pub(super) rate: Option<f64>,
     pub(super) episodes: u64,
+}
+
+/// What came of it.
+pub(super) struct Outcome<'a> {
+    pub(super) statistics: &'a Statistics,
+    pub(super) audit: Option<&'a Audit>,
+    /// `None` in lockstep.
+    pub(super) punctuality: Option<&'a Punctuality>,
 }
 
 impl Summary<'_> {
@@ -31,12 +42,13 @@ impl Summary<'_> {
             _ => "as processes",
         };
         format!(
-            "{}: {} {place}, {}{}, {}\n",
+            "{}: {} {place}, {}{}, {}{}\n",
             self.task.id(),
             counted(self.task.n_agents() as u64, "agent"),
             self.link_words(),
             if self.comm_at_t0 { "" } else { " also at t = 0" },
-            counted(self.episodes, "episode")
+            counted(self.episodes, "episode"),
+            self.rate.map(|rate| format!(", at {rate} Hz")).unwrap_or_default()
         )
     }
 
@@ -53,7 +65,8 @@ impl Summary<'_> {
     }
 
     /// The rest, for people.
-    pub(super) fn text(&self, statistics: &Statistics, audit: Option<&Audit>) -> String {
+    pub(super) fn text(&self, outcome: &Outcome) -> String {
+        let Outcome { statistics, audit, punctuality } = *outcome;
         let actions = if self.settings.greedy { "greedy" } else { "sampled" };
         let returned = match statistics.return_ci95() {
             Some(ci) => format!("{:.1} +- {ci:.1} (mean, 95 % interval)", statistics.return_mean()),
@@ -70,7 +83,10 @@ impl Summary<'_> {
             let error = error.map_or("nothing was imputed".to_owned(), |rmse| format!("{rmse:.4} RMSE"));
             lines.push(("imputation", error));
         }
-        lines.push(("tick", self.tick_words(statistics)));
+        match punctuality {
+            None => lines.push(("tick", self.tick_words(statistics))),
+            Some(punctuality) => lines.extend(self.clock_lines(statistics, punctuality)),
+        }
         lines.extend(audit.map(|audit| ("audit", audit.to_string())));
         lines.into_iter().map(|(name, words)| format!("{name:<12}{words}\n")).collect()
     }
@@ -95,8 +111,49 @@ impl Summary<'_> {
         )
     }
 
+    fn clock_lines(
+        &self,
+        statistics: &Statistics,
+        punctuality: &Punctuality,
+    ) -> impl Iterator<Item = (&'static str, String)> {
+        let late = statistics.late_rate();
+        let late = late.map(|rate| {
+            ("late", format!("{:.2} % of them; lost, and counted apart from those dropped", 100.0 * rate))
+        });
+        let decisions = statistics.ticks() * self.task.n_agents() as u64;
+        let (rate, skipped) = (punctuality.achieved_rate(), punctuality.skipped);
+        let clock = [
+            (
+                "rate",
+                format!("{rate:.2} Hz of {}; {} left out", punctuality.rate, counted(skipped, "period")),
+            ),
+            ("missed", {
+                let missed = statistics.missed();
+                let share = 100.0 * missed as f64 / decisions as f64;
+                format!(
+                    "{missed} of {} ({share:.2} %); the last action was repeated",
+                    counted(decisions, "decision")
+                )
+            }),
+            ("jitter", {
+                let words = |times: &Distribution| {
+                    let [p50, p99, max] = [0.5, 0.99, 1.0].map(|quantile| times.quantile_us(quantile));
+                    format!("p50 {p50:.0} us, p99 {p99:.0} us, max {max:.0} us")
+                };
+                let Punctuality { begins, acts, .. } = punctuality;
+                format!(
+                    "periods begin late by {}; actions after the deadline by {}",
+                    words(begins),
+                    words(acts)
+                )
+            }),
+        ];
+        late.into_iter().chain(clock)
+    }
+
     /// The same for programs, see `docs/formats.md`.
-    pub(super) fn json(&self, statistics: &Statistics, audit: Option<&Audit>) -> Value {
+    pub(super) fn json(&self, outcome: &Outcome) -> Value {
+        let Outcome { statistics, audit, punctuality } = *outcome;
         let Summary { task, settings, .. } = self;
         let p = if let Links::Level(p) = self.links { Some(*p) } else { None };
         json!({
@@ -127,13 +184,22 @@ impl Summary<'_> {
             "tick_p99_us": tick_us(statistics, 0.99),
             "elapsed_s": statistics.elapsed().as_secs_f64(),
             "audit": audit,
+            "real_time": punctuality.map(|punctuality| json!({
+                "rate": punctuality.rate,
+                "achieved_rate": punctuality.achieved_rate(),
+                "skipped_periods": punctuality.skipped,
+                "late_rate": statistics.late_rate(),
+                "missed_decisions": statistics.missed(),
+                "begins_late": punctuality.begins.json(),
+                "acts_after_deadline": punctuality.acts.json(),
+            })),
         })
     }
 }
 
 /// A quantile of the tick time in microseconds, to the nanosecond it is known to.
 fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
-    statistics.tick_time(quantile).as_nanos() as f64 / 1e3
+    statistics.tick_times().quantile_us(quantile)
 }
 
 fn counted(n: u64, what: &str) -> String {

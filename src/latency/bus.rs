@@ -90,6 +90,6 @@ impl Transport for BusEnd {
 }
 
 fn swarm(tag: &str, payload: usize) -> (SwarmAddress, Layout) {
-    let address = SwarmAddress { tag: tag.to_owned(), agents: 2, worlds: 1, weights: 0 };
+    let address = SwarmAddress { agents: 2, ..SwarmAddress::of(tag) };
     (address, Layout { observation: payload / 4, joint: 1, logits: 1 })
 }

@@ -1,6 +1,6 @@
 //! What a message of a hop says: when it was sent, and how long the one before it took.
 
-use crate::agents::now_ns;
+use crate::bus::now_ns;
 use crate::error::Result;
 use crate::failed;
 

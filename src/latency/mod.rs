@@ -5,7 +5,6 @@
 
 mod bare;
 mod bus;
-mod distribution;
 mod futex;
 mod growth;
 mod hop;
@@ -20,7 +19,6 @@ mod tick;
 mod transport;
 
 pub use bare::BareTeam;
-pub use distribution::{Distribution, OVERRUN, QUANTILES};
 pub use growth::exponent;
 pub use hop::{Hop, PAYLOADS};
 pub use memory::Memory;

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use super::{BareTeam, Distribution, Played, Setup};
+use super::{BareTeam, Played, Setup};
 use crate::bus::Wait;
+use crate::distribution::Distribution;
 use crate::error::Result;
 use crate::supervisor::AgentTimes;
 

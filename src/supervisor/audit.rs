@@ -14,7 +14,7 @@ pub struct Audit {
     pub received: u64,
     /// Imagined by the imputer.
     pub imputed: u64,
-    /// Parts whose link was up but that were not used: late or from a peer that is gone.
+    /// Parts whose link was up but that were not used. There are none in lockstep.
     pub late: u64,
     /// Own, received or common parts that are not, bit by bit, what the sensor said.
     pub altered: u64,
@@ -28,7 +28,7 @@ impl Audit {
         let (agents, worlds) = (task.n_agents(), tick.worlds);
         let (joint, predicted) = (task.joint_dim(), task.predicted_dim());
         let (unique, common) = (task.unique_dim(), task.common_dim());
-        for agent in 0..agents {
+        for agent in decisions.present(agents) {
             for world in 0..worlds {
                 let row = agent * worlds + world;
                 let (up, used) = (tick.rows[row], decisions.used[row]);

@@ -71,7 +71,7 @@ impl<P: AgentPort> Team for InProcess<P> {
             decisions.take(&self.task, tick, agent, &layout.decision(decision.words(), worlds))?;
         }
         self.members.iter_mut().for_each(Member::predict);
-        Ok(())
+        decisions.check_nobody_late(tick)
     }
 
     fn renew(&mut self, weights: &[f32]) -> Result<()> {

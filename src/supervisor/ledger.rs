@@ -38,6 +38,7 @@ impl Ledger {
         let (task, tick) = (stage.task(), stage.tick());
         self.statistics.push_tick(time);
         for (world, episode) in self.playing.iter_mut().enumerate() {
+            episode.missed += u64::from(decisions.missing.count_ones());
             count_deliveries(task, &tick, decisions, world, episode);
             sum_imputation_errors(task, &tick, decisions, world, episode);
         }
@@ -83,9 +84,11 @@ fn count_deliveries(
         return;
     }
     let agents = task.n_agents();
-    for agent in 0..agents {
-        let others = decisions.used[agent * tick.worlds + world] & !(1 << agent);
-        episode.delivered += u64::from(others.count_ones());
+    for agent in decisions.present(agents) {
+        let row = agent * tick.worlds + world;
+        let used = decisions.used[row] & !(1 << agent);
+        episode.delivered += u64::from(used.count_ones());
+        episode.late += u64::from((tick.rows[row] & !decisions.used[row]).count_ones());
         episode.sent += agents as u64 - 1;
     }
 }
@@ -98,7 +101,7 @@ fn sum_imputation_errors(
     episode: &mut EpisodeStatistics,
 ) {
     let (agents, joint, unique) = (task.n_agents(), task.joint_dim(), task.unique_dim());
-    for agent in 0..agents {
+    for agent in decisions.present(agents) {
         let row = agent * tick.worlds + world;
         for sender in (0..agents).filter(|sender| decisions.used[row] >> sender & 1 == 0) {
             let imputed = &decisions.estimates[row * joint + sender * unique..][..unique];

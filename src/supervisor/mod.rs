@@ -4,10 +4,12 @@
 //! ([`Processes`]) or within this one ([`InProcess`]).
 
 mod audit;
+mod clock;
 mod in_process;
 mod launch;
 mod ledger;
 mod processes;
+mod punctuality;
 mod session;
 pub mod signals;
 mod stage;
@@ -16,14 +18,14 @@ mod statistics;
 pub use audit::Audit;
 pub use in_process::InProcess;
 pub(crate) use launch::{ChildProcess, reap};
-pub use processes::{AgentTimes, Processes};
+pub use processes::{AgentTimes, Conduct, Processes};
+pub use punctuality::Punctuality;
 pub use session::Session;
 pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
 
 use self::ledger::Ledger;
-use crate::agents::now_ns;
-use crate::bus::{Decision, Header, Layout};
+use crate::bus::{Decision, Header, Layout, now_ns};
 use crate::error::Result;
 use crate::failed;
 use crate::nn::kernels::all_finite;
@@ -57,12 +59,15 @@ pub struct Decisions {
     pub estimates: Vec<f32>,
     /// `[agents, worlds, N_ACTIONS]`.
     pub logits: Vec<f32>,
+    /// The agents that did not decide in time, bit by bit. Their actions are those of the tick before, or 0 if the
+    /// episode has just begun; what else there is of them is old.
+    pub missing: u64,
 }
 
-/// A team of agents that ticks in lockstep.
+/// A team of agents.
 pub trait Team {
     /// Gives every agent its own observation and its link rows, lets them exchange observations, and
-    /// returns when all have decided.
+    /// returns when all have decided: in lockstep, unless the team keeps to a clock.
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()>;
 
     /// Gives the agents new weights, in the order of [`Policy::copy_values`](crate::nn::Policy::copy_values).
@@ -125,20 +130,18 @@ impl Decisions {
         self.logits.resize(rows * layout.logits, 0.0);
     }
 
+    /// The agents of a team of so many that decided in time.
+    fn present(&self, agents: usize) -> impl Iterator<Item = usize> + use<> {
+        let missing = self.missing;
+        (0..agents).filter(move |agent| missing >> agent & 1 == 0)
+    }
+
     /// Takes in one agent's decision for all worlds of a tick.
-    ///
-    /// In lockstep it must rest on all that the links delivered: a team in which somebody was late, however
-    /// that came about, would give another result than the same team undisturbed.
     fn take(&mut self, task: &Task, tick: &Tick, agent: usize, decision: &Decision) -> Result<()> {
         let (first, available) = (agent * tick.worlds, task.available_actions(agent));
         for (world, action) in decision.actions.iter().enumerate() {
             if *action as usize >= available {
                 return Err(failed!("agent-{agent} chose action {action}, it has {available}"));
-            }
-            let late = tick.rows[first + world] & !decision.row(world);
-            if late != 0 {
-                let late = late.trailing_zeros();
-                return Err(failed!("agent-{late} was too late for agent-{agent}; ending the swarm"));
             }
             self.actions[first + world] = *action as u8;
             self.used[first + world] = decision.row(world);
@@ -146,6 +149,19 @@ impl Decisions {
         let (estimates, logits) = (decision.estimates, decision.logits);
         self.estimates[agent * estimates.len()..][..estimates.len()].copy_from_slice(estimates);
         self.logits[agent * logits.len()..][..logits.len()].copy_from_slice(logits);
+        Ok(())
+    }
+
+    /// An error if a decision of this tick does not rest on all that the links delivered.
+    ///
+    /// In lockstep, a team in which somebody was late, however that came about, would give another result than the
+    /// same team undisturbed.
+    fn check_nobody_late(&self, tick: &Tick) -> Result<()> {
+        let rows = tick.rows.iter().zip(&self.used).enumerate();
+        for (row, late) in rows.map(|(row, (up, used))| (row, up & !used)).filter(|(_, late)| *late != 0) {
+            let (late, agent) = (late.trailing_zeros(), row / tick.worlds);
+            return Err(failed!("agent-{late} was too late for agent-{agent}; ending the swarm"));
+        }
         Ok(())
     }
 }

@@ -5,13 +5,15 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
+use super::clock::{Clock, Period};
 use super::launch::{ChildProcess, reap};
-use super::{Decisions, Team, Tick, check_weights, signals};
+use super::{Decisions, Punctuality, Team, Tick, check_weights, signals};
 use crate::agents::process::ProcessSettings;
-use crate::agents::{AgentSettings, PolicySource, now_ns};
+use crate::agents::{AgentSettings, PolicySource};
 use crate::bus::{
     DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress,
-    SwarmDirectory, Wait, open_files_needed, shared_memory_free, shared_memory_needed, wait_until,
+    SwarmDirectory, Wait, now_ns, open_files_needed, shared_memory_free, shared_memory_needed,
+    wait_for_moment, wait_until, wake_on_time,
 };
 use crate::error::Result;
 use crate::failed;
@@ -36,12 +38,29 @@ pub struct Processes {
     /// The number of weights of the policy.
     policy_weights: usize,
     wait: Wait,
+    /// That of a team in real time; `None` in lockstep.
+    clock: Option<Clock>,
     /// Agents that have done what the current phase waits for, bit by bit.
     answered: u64,
     /// Per agent, of its last tick.
     times: Vec<AgentTimes>,
     // Declared last: all else in it goes first.
     _directory: SwarmDirectory,
+}
+
+/// How the processes of a swarm run. Only waiting is said by a [`Wait`] alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Conduct {
+    /// How they wait.
+    pub wait: Wait,
+    /// Ticks a second of a swarm in real time; `None` for lockstep, where everybody waits for everybody.
+    pub rate: Option<f64>,
+}
+
+impl From<Wait> for Conduct {
+    fn from(wait: Wait) -> Conduct {
+        Conduct { wait, ..Conduct::default() }
+    }
 }
 
 /// When an agent did what it does in a tick, by its own word: nanoseconds of the monotonic clock, which is the same
@@ -59,16 +78,26 @@ pub struct AgentTimes {
 impl Processes {
     /// Starts one process per agent, with the `policy` that `settings` name, and waits until all are ready. Only
     /// a policy [in training](PolicySource::Training) can be renewed.
-    pub fn start(settings: &AgentSettings, policy: &Policy, wait: Wait) -> Result<Processes> {
+    pub fn start(
+        settings: &AgentSettings,
+        policy: &Policy,
+        conduct: impl Into<Conduct>,
+    ) -> Result<Processes> {
+        let Conduct { wait, rate } = conduct.into();
         let (task, layout) = (settings.task()?, settings.layout()?);
         let team = task.n_agents();
         let directory = SwarmDirectory::create()?;
         let weights = if settings.policy == PolicySource::Training { policy.n_values() } else { 0 };
         let settings = share_weights(settings, policy, &directory)?;
-        let worlds = settings.worlds;
-        check_shared_memory(team, worlds, weights, &layout)?;
+        let address = SwarmAddress {
+            tag: directory.tag().to_owned(),
+            agents: team,
+            worlds: settings.worlds,
+            weights,
+            real_time: rate.is_some(),
+        };
+        check_shared_memory(&address, &layout)?;
         allow_open_files(team)?;
-        let address = SwarmAddress { tag: directory.tag().to_owned(), agents: team, worlds, weights };
         let mut swarm = Processes {
             task,
             agents: Vec::with_capacity(team),
@@ -77,6 +106,7 @@ impl Processes {
             layout,
             policy_weights: policy.n_values(),
             wait,
+            clock: rate.map(Clock::new),
             answered: 0,
             times: vec![AgentTimes::default(); team],
             _directory: directory,
@@ -93,6 +123,7 @@ impl Processes {
             let (name, nothing) = (format!("agent-{agent}"), || Stdio::null());
             swarm.agents.push(ChildProcess::start(&name, "agent", &process, [nothing(), nothing()])?);
         }
+        wake_on_time();
         swarm.await_all("get ready", READY_DEADLINE, Processes::take_ready)?;
         Ok(swarm)
     }
@@ -102,15 +133,50 @@ impl Processes {
         self.agents.iter().map(ChildProcess::id)
     }
 
+    /// How well a swarm in real time keeps to its clock; `None` in lockstep.
+    pub fn punctuality(&self) -> Option<&Punctuality> {
+        self.clock.as_ref().map(|clock| &clock.punctuality)
+    }
+
     /// When the agents did what they did in the last tick.
     pub fn times(&self) -> &[AgentTimes] {
         &self.times
     }
 
-    fn send_sensors(&mut self, tick: &Tick) -> Result<()> {
+    /// Everybody waits for everybody.
+    fn tick_in_lockstep(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
+        self.send_sensors(tick, 0)?;
+        self.await_all("publish an observation", ANSWER_DEADLINE, |swarm| swarm.take_observations(tick))?;
+        self.wake_agents()?;
+        self.await_all("decide", ANSWER_DEADLINE, |swarm| swarm.take_decisions(tick, decisions))?;
+        decisions.check_nobody_late(tick)
+    }
+
+    /// Nobody waits for anybody: agents decide at the deadline, and when the period ends what has been decided is done.
+    fn tick_in_real_time(&mut self, tick: &Tick, decisions: &mut Decisions, period: Period) -> Result<()> {
+        self.send_sensors(tick, period.deadline_ns)?;
+        while !wait_for_moment(self.wait, period.ends_ns) {
+            signals::check_stop()?;
+            self.check_agents()?;
+        }
+        if tick.step == 0 {
+            decisions.actions.fill(0);
+        }
+        self.take_observations(tick)?;
+        self.answered = 0;
+        self.take_decisions(tick, decisions)?;
+        decisions.missing = self.everybody() & !self.answered;
+        let clock = self.clock.as_mut().expect("a swarm in real time has a clock");
+        for agent in decisions.present(self.agents.len()) {
+            clock.punctuality.acts.record(self.times[agent].decided_ns.saturating_sub(period.deadline_ns));
+        }
+        self.check_agents()
+    }
+
+    fn send_sensors(&mut self, tick: &Tick, deadline_ns: u64) -> Result<()> {
         let words = self.layout.sensor_words(tick.worlds);
         for agent in 0..self.agents.len() {
-            let header = self.header(Kind::Sensor, agent, tick.header(words));
+            let header = self.header(Kind::Sensor, agent, Header { deadline_ns, ..tick.header(words) });
             self.port.send_sensor(agent, header, |words| tick.write(agent, &self.layout, words))?;
         }
         self.wake_agents()
@@ -136,8 +202,7 @@ impl Processes {
         mut take: impl FnMut(&mut Processes) -> Result<()>,
     ) -> Result<()> {
         self.answered = 0;
-        let all = u64::MAX >> (u64::BITS - self.agents.len() as u32);
-        let (wait, deadline) = (self.wait, Instant::now() + longest);
+        let (wait, all, deadline) = (self.wait, self.everybody(), Instant::now() + longest);
         let done = wait_until(
             self,
             wait,
@@ -156,6 +221,11 @@ impl Processes {
         let missing = (0..self.agents.len()).filter(|agent| self.answered >> agent & 1 == 0);
         let missing: Vec<String> = missing.map(|agent| format!("agent-{agent}")).collect();
         Err(failed!("{} did not {what} within {longest:?}; ending the swarm", missing.join(", ")))
+    }
+
+    /// All agents, bit by bit.
+    fn everybody(&self) -> u64 {
+        u64::MAX >> (u64::BITS - self.agents.len() as u32)
     }
 
     fn check_agents(&mut self) -> Result<()> {
@@ -212,10 +282,10 @@ impl Processes {
 impl Team for Processes {
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         decisions.resize(self.agents.len(), tick.worlds, &self.layout);
-        self.send_sensors(tick)?;
-        self.await_all("publish an observation", ANSWER_DEADLINE, |swarm| swarm.take_observations(tick))?;
-        self.wake_agents()?;
-        self.await_all("decide", ANSWER_DEADLINE, |swarm| swarm.take_decisions(tick, decisions))
+        match self.clock.as_mut().map(Clock::begin_period) {
+            None => self.tick_in_lockstep(tick, decisions),
+            Some(period) => self.tick_in_real_time(tick, decisions, period),
+        }
     }
 
     fn renew(&mut self, weights: &[f32]) -> Result<()> {
@@ -265,13 +335,14 @@ fn share_weights(
 }
 
 /// Shared memory that runs out shows up as SIGBUS in the middle of a run, so look first.
-fn check_shared_memory(agents: usize, worlds: usize, weights: usize, layout: &Layout) -> Result<()> {
+fn check_shared_memory(address: &SwarmAddress, layout: &Layout) -> Result<()> {
     let (free, total) = shared_memory_free()?;
-    let needed = shared_memory_needed(agents, worlds, weights, layout);
+    let needed = shared_memory_needed(address, layout);
     if needed <= free {
         return Ok(());
     }
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    let SwarmAddress { agents, worlds, .. } = address;
     Err(failed!(
         "shared memory is too small: {agents} agents and {worlds} parallel worlds need up to {:.1} MiB, /dev/shm \
          has {:.1} MiB free of {:.1} MiB; use fewer --worlds, see what `vamaro-swarm doctor` finds, or enlarge it \

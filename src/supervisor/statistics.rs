@@ -2,8 +2,7 @@
 
 use std::time::Duration;
 
-use hdrhistogram::Histogram;
-
+use crate::distribution::Distribution;
 use crate::stats::ci95;
 
 /// One finished episode.
@@ -13,8 +12,13 @@ pub struct EpisodeStatistics {
     pub episode_return: f64,
     /// Observations delivered, over i != j and t >= 1.
     pub delivered: u64,
-    /// Observations sent, over i != j and t >= 1.
+    /// Observations sent, over i != j and t >= 1, to agents that decided in time.
     pub sent: u64,
+    /// Observations whose links were up and that were not used all the same, over i != j and t >= 1. There are none in
+    /// lockstep.
+    pub late: u64,
+    /// Decisions that were not made in time. There are none in lockstep.
+    pub missed: u64,
     /// Sum of the squared errors of all imputed values.
     pub squared_error: f64,
     /// Imputed values.
@@ -22,27 +26,13 @@ pub struct EpisodeStatistics {
 }
 
 /// All episodes of a session, in the order of their numbers.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Statistics {
     episodes: Vec<EpisodeStatistics>,
     /// Sums over the episodes, in their order.
     total: EpisodeStatistics,
-    /// Nanoseconds.
-    tick_times: Histogram<u64>,
+    tick_times: Distribution,
     elapsed: Duration,
-}
-
-impl Default for Statistics {
-    fn default() -> Statistics {
-        const LONGEST: u64 = 60_000_000_000;
-        let tick_times = Histogram::new_with_bounds(1, LONGEST, 3).expect("the bounds are in order");
-        Statistics {
-            episodes: Vec::new(),
-            total: EpisodeStatistics::default(),
-            tick_times,
-            elapsed: Duration::ZERO,
-        }
-    }
 }
 
 impl Statistics {
@@ -51,13 +41,15 @@ impl Statistics {
         total.episode_return += episode.episode_return;
         total.delivered += episode.delivered;
         total.sent += episode.sent;
+        total.late += episode.late;
+        total.missed += episode.missed;
         total.squared_error += episode.squared_error;
         total.imputed += episode.imputed;
         self.episodes.push(episode);
     }
 
     pub(super) fn push_tick(&mut self, time: Duration) {
-        self.tick_times.saturating_record(time.as_nanos() as u64);
+        self.tick_times.record(time.as_nanos() as u64);
     }
 
     pub(super) fn set_elapsed(&mut self, elapsed: Duration) {
@@ -87,6 +79,17 @@ impl Statistics {
         (sent > 0).then(|| delivered as f64 / sent as f64)
     }
 
+    /// Share of observations that were late, over i != j and t >= 1; `None` for a team of one.
+    pub fn late_rate(&self) -> Option<f64> {
+        let EpisodeStatistics { late, sent, .. } = self.total;
+        (sent > 0).then(|| late as f64 / sent as f64)
+    }
+
+    /// Decisions that were not made in time.
+    pub fn missed(&self) -> u64 {
+        self.total.missed
+    }
+
     /// Root mean squared error of the imputed values, in units of the observation; `None` if nothing
     /// was imputed.
     pub fn imputation_rmse(&self) -> Option<f64> {
@@ -96,12 +99,12 @@ impl Statistics {
 
     /// Ticks played.
     pub fn ticks(&self) -> u64 {
-        self.tick_times.len()
+        self.tick_times.count()
     }
 
-    /// A quantile of the tick time, from the sensors sent to the last decision received.
-    pub fn tick_time(&self, quantile: f64) -> Duration {
-        Duration::from_nanos(self.tick_times.value_at_quantile(quantile))
+    /// Tick times, from the sensors sent to the last decision received.
+    pub fn tick_times(&self) -> &Distribution {
+        &self.tick_times
     }
 
     /// Time spent playing.

@@ -8,10 +8,12 @@ use serde_json::json;
 
 use super::compare::Output;
 use super::some_seconds;
-use crate::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims, now_ns};
+use crate::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims};
+use crate::bus::now_ns;
 use crate::cli::{keep_candle_to_its_thread, table, tell};
+use crate::distribution::Distribution;
 use crate::error::Result;
-use crate::latency::{Distribution, repeat};
+use crate::latency::repeat;
 use crate::nn::{ActorKind, Networks, Policy, kernels, reference};
 use crate::supervisor::signals;
 use crate::world::Task;

@@ -9,12 +9,12 @@ use serde_json::{Map, Value, json};
 
 use super::compare::Output;
 use super::some_seconds;
-use crate::agents::now_ns;
-use crate::bus::Wait;
+use crate::bus::{Wait, now_ns};
 use crate::cli::{table, tell};
+use crate::distribution::{Distribution, OVERRUN, QUANTILES};
 use crate::error::{Error, Result};
 use crate::file::AtomicFile;
-use crate::latency::{Distribution, Hop, Medium, OVERRUN, PAYLOADS, QUANTILES, Setup, Tick};
+use crate::latency::{Hop, Medium, PAYLOADS, Setup, Tick};
 use crate::plot::{Figure, Panel, Point, Series};
 use crate::rng::MAX_AGENTS;
 use crate::supervisor::signals;

@@ -9,8 +9,9 @@ use super::compare::Output;
 use super::{median, some_seconds};
 use crate::bus::Wait;
 use crate::cli::{table, tell};
+use crate::distribution::Distribution;
 use crate::error::Result;
-use crate::latency::{BareTeam, Distribution, Memory, Played, Setup, exponent};
+use crate::latency::{BareTeam, Memory, Played, Setup, exponent};
 use crate::rng::MAX_AGENTS;
 use crate::supervisor::signals;
 

@@ -1,0 +1,55 @@
+//! How well a swarm in real time keeps to its clock.
+
+use crate::distribution::Distribution;
+
+/// How punctual the periods of a swarm were, and its agents in them.
+#[derive(Clone, Debug)]
+pub struct Punctuality {
+    /// Periods a second that were asked for.
+    pub rate: f64,
+    /// Periods left out because they were over before they could begin: the supervisor was late.
+    pub skipped: u64,
+    /// How late the supervisor began, after the beginning of the period.
+    pub begins: Distribution,
+    /// When the agents' actions were out, after the deadline of the observations; only of those in time.
+    pub acts: Distribution,
+    /// The beginning of the first period, and the end of the last.
+    span_ns: Option<(u64, u64)>,
+}
+
+impl Punctuality {
+    pub(super) fn new(rate: f64) -> Punctuality {
+        let (begins, acts) = (Distribution::default(), Distribution::default());
+        Punctuality { rate, skipped: 0, begins, acts, span_ns: None }
+    }
+
+    /// Notes a period that began `now`, in nanoseconds of the monotonic clock.
+    pub(super) fn begun(&mut self, begins_ns: u64, now: u64, ends_ns: u64) {
+        self.begins.record(now.saturating_sub(begins_ns));
+        let (first, _) = self.span_ns.unwrap_or((begins_ns, ends_ns));
+        self.span_ns = Some((first, ends_ns));
+    }
+
+    /// Periods a second that were played; NaN before the first.
+    pub fn achieved_rate(&self) -> f64 {
+        let span = self.span_ns.map_or(f64::NAN, |(first, last)| (last - first) as f64 / 1e9);
+        self.begins.count() as f64 / span
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rate_is_that_of_the_periods_played() {
+        let mut punctuality = Punctuality::new(1000.0);
+        assert!(punctuality.achieved_rate().is_nan());
+        punctuality.begun(5_000_000, 5_000_100, 6_000_000);
+        assert_eq!(punctuality.achieved_rate(), 1000.0);
+        // Two periods are left out.
+        punctuality.begun(8_000_000, 8_000_000, 9_000_000);
+        assert_eq!(punctuality.achieved_rate(), 500.0);
+        assert_eq!(punctuality.begins.quantile_us(1.0), 0.1);
+    }
+}
