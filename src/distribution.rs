@@ -60,13 +60,18 @@ impl Distribution {
         steps.filter(|(_, share)| *share > 0.0)
     }
 
-    /// Its quantiles, the longest, the count and the overruns.
-    pub fn json(&self) -> Map<String, Value> {
+    /// Its quantiles and the longest.
+    pub fn times_json(&self) -> Map<String, Value> {
         let quantiles = QUANTILES.map(|(name, quantile)| (format!("{name}_us"), self.quantile_us(quantile)));
         let times = quantiles.into_iter().chain([("max_us".to_owned(), self.quantile_us(1.0))]);
+        times.map(|(name, us)| (name, json!(us))).collect()
+    }
+
+    /// The same, the count and the overruns.
+    pub fn json(&self) -> Map<String, Value> {
         let counts = [("count", self.count()), ("overruns", self.overruns)];
         let counts = counts.map(|(name, count)| (name.to_owned(), json!(count)));
-        times.map(|(name, us)| (name, json!(us))).chain(counts).collect()
+        self.times_json().into_iter().chain(counts).collect()
     }
 
     /// Its quantiles, and the longest, as multiples of another's.

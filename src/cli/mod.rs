@@ -197,3 +197,19 @@ fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
         }
     })
 }
+
+/// Reads a probability of delivery or loss.
+fn probability(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
+        _ => Err("expected a probability between 0 and 1, such as 0.2".to_owned()),
+    }
+}
+
+/// Reads `--rate`: ticks a second.
+fn rate(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(hz) if (0.1..=100_000.0).contains(&hz) => Ok(hz),
+        _ => Err("expected ticks a second from 0.1 to 100000, such as 100".to_owned()),
+    }
+}

@@ -7,7 +7,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::summary::{Outcome, Summary};
-use super::{policy_source, print, print_json};
+use super::{policy_source, print, print_json, probability, rate};
 use crate::agents::{AgentSettings, ImputerName, PolicySource};
 use crate::bus::Wait;
 use crate::error::{Error, Result};
@@ -302,18 +302,4 @@ fn progress_bar(episodes: u64) -> ProgressBar {
 fn progress_words(statistics: &Statistics) -> String {
     let delivered = statistics.delivery_rate().map(|rate| format!(", {:.1} % delivered", 100.0 * rate));
     format!(", return {:.1}{}", statistics.return_mean(), delivered.unwrap_or_default())
-}
-
-fn probability(text: &str) -> std::result::Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
-        _ => Err("expected a probability between 0 and 1, such as 0.2".to_owned()),
-    }
-}
-
-fn rate(text: &str) -> std::result::Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(hz) if (0.1..=100_000.0).contains(&hz) => Ok(hz),
-        _ => Err("expected ticks a second from 0.1 to 100000, such as 100".to_owned()),
-    }
 }

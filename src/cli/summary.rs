@@ -85,7 +85,7 @@ impl Summary<'_> {
         }
         match punctuality {
             None => lines.push(("tick", self.tick_words(statistics))),
-            Some(punctuality) => lines.extend(self.clock_lines(statistics, punctuality)),
+            Some(punctuality) => lines.extend(clock_lines(statistics, punctuality)),
         }
         lines.extend(audit.map(|audit| ("audit", audit.to_string())));
         lines.into_iter().map(|(name, words)| format!("{name:<12}{words}\n")).collect()
@@ -109,46 +109,6 @@ impl Summary<'_> {
             statistics.ticks() as f64 / seconds,
             counted(self.settings.worlds as u64, "world")
         )
-    }
-
-    fn clock_lines(
-        &self,
-        statistics: &Statistics,
-        punctuality: &Punctuality,
-    ) -> impl Iterator<Item = (&'static str, String)> {
-        let late = statistics.late_rate();
-        let late = late.map(|rate| {
-            ("late", format!("{:.2} % of them; lost, and counted apart from those dropped", 100.0 * rate))
-        });
-        let decisions = statistics.ticks() * self.task.n_agents() as u64;
-        let (rate, skipped) = (punctuality.achieved_rate(), punctuality.skipped);
-        let clock = [
-            (
-                "rate",
-                format!("{rate:.2} Hz of {}; {} left out", punctuality.rate, counted(skipped, "period")),
-            ),
-            ("missed", {
-                let missed = statistics.missed();
-                let share = 100.0 * missed as f64 / decisions as f64;
-                format!(
-                    "{missed} of {} ({share:.2} %); the last action was repeated",
-                    counted(decisions, "decision")
-                )
-            }),
-            ("jitter", {
-                let words = |times: &Distribution| {
-                    let [p50, p99, max] = [0.5, 0.99, 1.0].map(|quantile| times.quantile_us(quantile));
-                    format!("p50 {p50:.0} us, p99 {p99:.0} us, max {max:.0} us")
-                };
-                let Punctuality { begins, acts, .. } = punctuality;
-                format!(
-                    "periods begin late by {}; actions after the deadline by {}",
-                    words(begins),
-                    words(acts)
-                )
-            }),
-        ];
-        late.into_iter().chain(clock)
     }
 
     /// The same for programs, see `docs/formats.md`.
@@ -189,17 +149,49 @@ impl Summary<'_> {
                 "achieved_rate": punctuality.achieved_rate(),
                 "skipped_periods": punctuality.skipped,
                 "late_rate": statistics.late_rate(),
-                "missed_decisions": statistics.missed(),
-                "begins_late": punctuality.begins.json(),
-                "acts_after_deadline": punctuality.acts.json(),
+                "missed_decisions": statistics.missed_of_due().0,
+                "missed_rate": statistics.missed_rate(),
+                "begins_late": punctuality.begins.times_json(),
+                "acts_after_deadline": punctuality.acts.times_json(),
             })),
         })
     }
 }
 
+/// What the clock did, for people.
+fn clock_lines(statistics: &Statistics, punctuality: &Punctuality) -> Vec<(&'static str, String)> {
+    let ((missed, due), missed_rate) = (statistics.missed_of_due(), statistics.missed_rate());
+    let Punctuality { rate, skipped, begins, acts, .. } = punctuality;
+    let losses = statistics.delivery_rate().zip(statistics.late_rate()).map(|(delivered, late)| {
+        let dropped = 1.0 - delivered - late;
+        ("lost", format!("{:.2} % dropped by the links, {:.2} % late", 100.0 * dropped, 100.0 * late))
+    });
+    let overran = format!("{missed} of {due} decisions overran ({:.2} %)", 100.0 * missed_rate);
+    let clock = [
+        ("missed", format!("{overran}; their agents' last actions were repeated")),
+        (
+            "rate",
+            format!(
+                "{:.2} Hz of {rate}, {} left out",
+                punctuality.achieved_rate(),
+                counted(*skipped, "period")
+            ),
+        ),
+        ("jitter", format!("periods begin late by {}", times(begins))),
+        ("", format!("actions are out after the deadline by {}", times(acts))),
+    ];
+    losses.into_iter().chain(clock).collect()
+}
+
 /// A quantile of the tick time in microseconds, to the nanosecond it is known to.
 fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
     statistics.tick_times().quantile_us(quantile)
+}
+
+/// Quantiles, for people.
+fn times(of: &Distribution) -> String {
+    let [p50, p99, max] = [0.5, 0.99, 1.0].map(|quantile| of.quantile_us(quantile));
+    format!("p50 {p50:.0} us, p99 {p99:.0} us, max {max:.0} us")
 }
 
 fn counted(n: u64, what: &str) -> String {

@@ -56,22 +56,27 @@ impl Figure {
     /// The chart as an SVG document. It is as wide as the reader makes it, and legible from the width of a
     /// phone (the units below are pixels at 640).
     pub fn to_svg(&self) -> String {
-        self.draw(Scale::Linear)
+        self.draw([Scale::Linear; 2])
     }
 
     /// The same with logarithmic axes. Points that are not positive are left out.
     pub fn to_log_svg(&self) -> String {
-        self.draw(Scale::Logarithmic)
+        self.draw([Scale::Logarithmic; 2])
     }
 
-    fn draw(&self, scale: Scale) -> String {
+    /// The same with a logarithmic x axis. Points whose x is not positive are left out.
+    pub fn to_semilog_svg(&self) -> String {
+        self.draw([Scale::Logarithmic, Scale::Linear])
+    }
+
+    fn draw(&self, scales: [Scale; 2]) -> String {
         let names = self.names();
         let title = wrap(&self.title, WIDTH - 2.0 * MARGIN, TITLE);
         let drawn: Vec<usize> = (0..names.len()).filter(|index| self.is_drawn(names[*index])).collect();
         let (legend, legend_lines) = flow(drawn.iter().map(|index| names[*index]));
         let columns = self.panels.len().min(2);
         let top = MARGIN + title.len() as f64 * (TITLE + 6.0) + legend_lines as f64 * LINE + 8.0;
-        let grid = Grid::new(&self.panels, columns, top, scale);
+        let grid = Grid::new(&self.panels, columns, top, scales);
 
         let mut svg = Svg::default();
         svg.raw(&format!(
@@ -187,8 +192,8 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(panels: &[Panel], columns: usize, top: f64, scale: Scale) -> Grid {
-        let axes: Vec<_> = panels.iter().map(|panel| axes(panels, panel, scale)).collect();
+    fn new(panels: &[Panel], columns: usize, top: f64, scales: [Scale; 2]) -> Grid {
+        let axes: Vec<_> = panels.iter().map(|panel| axes(panels, panel, scales)).collect();
         let labelled: Vec<_> = (0..panels.len())
             .map(|index| {
                 let below = panels.get(index + columns);
@@ -291,14 +296,15 @@ impl Grid {
 }
 
 /// The axes of a panel: of its values and of those it shares the label with.
-fn axes<'a>(panels: &'a [Panel], panel: &Panel, scale: Scale) -> [Axis; 2] {
+fn axes<'a>(panels: &'a [Panel], panel: &Panel, scales: [Scale; 2]) -> [Axis; 2] {
     let points = |panel: &'a Panel| panel.series.iter().flat_map(|series| &series.points);
     let x = panels.iter().filter(|other| other.x_label == panel.x_label).flat_map(|panel| {
         let span = panel.x_span.into_iter().flat_map(|(low, high)| [low, high]);
         points(panel).map(|point| point.x).chain(span)
     });
     let y = panels.iter().filter(|other| other.y_label == panel.y_label).flat_map(points);
-    [Axis::new(scale, x, 4), Axis::new(scale, y.flat_map(Point::ys), 5)]
+    let [x_scale, y_scale] = scales;
+    [Axis::new(x_scale, x, 4), Axis::new(y_scale, y.flat_map(Point::ys), 5)]
 }
 
 #[cfg(test)]

@@ -38,6 +38,7 @@ impl Ledger {
         let (task, tick) = (stage.task(), stage.tick());
         self.statistics.push_tick(time);
         for (world, episode) in self.playing.iter_mut().enumerate() {
+            episode.due += task.n_agents() as u64;
             episode.missed += u64::from(decisions.missing.count_ones());
             count_deliveries(task, &tick, decisions, world, episode);
             sum_imputation_errors(task, &tick, decisions, world, episode);

@@ -17,7 +17,9 @@ pub struct EpisodeStatistics {
     /// Observations whose links were up and that were not used all the same, over i != j and t >= 1. There are none in
     /// lockstep.
     pub late: u64,
-    /// Decisions that were not made in time. There are none in lockstep.
+    /// Decisions that were due.
+    pub due: u64,
+    /// Decisions that were not made in time: their agents overran the period. There are none in lockstep.
     pub missed: u64,
     /// Sum of the squared errors of all imputed values.
     pub squared_error: f64,
@@ -42,6 +44,7 @@ impl Statistics {
         total.delivered += episode.delivered;
         total.sent += episode.sent;
         total.late += episode.late;
+        total.due += episode.due;
         total.missed += episode.missed;
         total.squared_error += episode.squared_error;
         total.imputed += episode.imputed;
@@ -85,9 +88,14 @@ impl Statistics {
         (sent > 0).then(|| late as f64 / sent as f64)
     }
 
-    /// Decisions that were not made in time.
-    pub fn missed(&self) -> u64 {
-        self.total.missed
+    /// Decisions that were not made in time, and all that were due.
+    pub fn missed_of_due(&self) -> (u64, u64) {
+        (self.total.missed, self.total.due)
+    }
+
+    /// Share of decisions that were not made in time; NaN before the first.
+    pub fn missed_rate(&self) -> f64 {
+        self.total.missed as f64 / self.total.due as f64
     }
 
     /// Root mean squared error of the imputed values, in units of the observation; `None` if nothing

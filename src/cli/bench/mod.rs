@@ -3,6 +3,7 @@
 mod agent;
 mod compare;
 mod latency;
+mod rate;
 mod spawn;
 mod train;
 mod world;
@@ -30,6 +31,8 @@ enum What {
     Agent(agent::BenchAgent),
     /// Swarms: start-up, memory per agent, and how the time of a tick grows
     Spawn(spawn::BenchSpawn),
+    /// Real time: the return of a team against its rate, and what is late
+    Rate(rate::BenchRate),
 }
 
 impl Bench {
@@ -41,6 +44,7 @@ impl Bench {
             What::World(command) => command.run(),
             What::Agent(command) => command.run(),
             What::Spawn(command) => command.run(),
+            What::Rate(command) => command.run(),
         }
     }
 }

@@ -1,0 +1,253 @@
+//! `bench rate`: how a team does against the clock.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::compare::Output;
+use crate::agents::{AgentSettings, ImputerName};
+use crate::bus::Wait;
+use crate::cli::{probability, rate, table, tell};
+use crate::error::{Error, Result};
+use crate::file::AtomicFile;
+use crate::link::{LinkModel, Links};
+use crate::nn::Policy;
+use crate::plot::{Figure, Panel, Point, Series};
+use crate::stats::{ci95, mean};
+use crate::supervisor::{Conduct, InProcess, Processes, Punctuality, Session, Statistics, Team, signals};
+use crate::world::Task;
+
+/// Real time: the return of a team against its rate, and what is late
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  vamaro-swarm bench rate --svg rate.svg
+  vamaro-swarm bench rate --tasks hear-see --p 0.2 --rates 50,100,200 --episodes 400 --json
+
+The built-in policies play the same episodes with the same links in lockstep and at each rate.
+Lost: what a team's return falls short of its return in lockstep, mean over the episodes with its
+95 % interval. Late: observations whose links were up and that had not arrived at the deadline, of
+all that were sent. Missed: decisions that had not arrived at the end of the period, of all; the
+last action was repeated. Acts: how long after the deadline an action was out, of those in time.")]
+pub struct BenchRate {
+    /// Tasks, by id or alias
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "hear-see,spread-xy-4")]
+    tasks: Vec<String>,
+
+    /// Probabilities that an observation is delivered
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "1,0.2", value_parser = probability)]
+    p: Vec<f64>,
+
+    /// Ticks a second
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "100,300,1000,2000,3000,5000,10000,20000",
+        value_parser = rate)]
+    rates: Vec<f64>,
+
+    /// Episodes at each rate
+    #[arg(long, value_name = "E", default_value_t = 100, value_parser = clap::value_parser!(u64).range(2..=100_000))]
+    episodes: u64,
+
+    /// How processes wait
+    #[arg(long, value_enum, default_value_t)]
+    wait: Wait,
+
+    /// Draw the figures into this file
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+
+    #[command(flatten)]
+    output: Output,
+}
+
+/// A team over links of one level.
+struct Measured {
+    task: Task,
+    p: f64,
+    lockstep: Statistics,
+    /// In the order of their rates.
+    at_rates: Vec<(Statistics, Punctuality)>,
+}
+
+impl BenchRate {
+    /// Runs the command.
+    pub fn run(mut self) -> Result<()> {
+        signals::install()?;
+        self.rates.sort_by(f64::total_cmp);
+        let svg = self.svg.as_deref().map(AtomicFile::create).transpose()?;
+        let tasks = self.tasks.iter().map(|name| Task::parse(name)).collect::<Result<Vec<Task>>>()?;
+        let cases = tasks.iter().flat_map(|task| self.p.iter().map(move |p| (task, *p)));
+        let measured = cases.map(|(task, p)| self.measure(task, p)).collect::<Result<Vec<Measured>>>()?;
+        if let Some(mut file) = svg {
+            let path = file.path().to_owned();
+            let drawing = figure(&tasks, &measured).to_semilog_svg();
+            file.write_all(drawing.as_bytes()).map_err(|e| Error::io("write", &path, e))?;
+            file.commit()?;
+        }
+        let cases = measured.iter().map(Measured::json).collect::<Vec<Value>>();
+        let result = json!({ "episodes": self.episodes, "wait": self.wait, "cases": cases });
+        self.output.print(result, || {
+            const HEADER: [&str; 11] = [
+                "task",
+                "p",
+                "Hz",
+                "reached",
+                "return",
+                "+-",
+                "lost",
+                "+-",
+                "late %",
+                "missed %",
+                "acts p50, p99 us",
+            ];
+            table(&HEADER, measured.iter().flat_map(Measured::rows))
+        })
+    }
+
+    fn measure(&self, task: &Task, p: f64) -> Result<Measured> {
+        let settings = AgentSettings::for_task(task);
+        let policy = settings.policy.load(task)?;
+        let settings = AgentSettings { imputer: ImputerName::choose(None, &policy)?, ..settings };
+        let lockstep = self.play(task, p, &mut InProcess::new(&settings, &policy)?)?;
+        let at_rate = |rate: &f64| self.play_at(*rate, task, p, &settings, &policy);
+        let at_rates = self.rates.iter().map(at_rate).collect::<Result<_>>()?;
+        Ok(Measured { task: task.clone(), p, lockstep, at_rates })
+    }
+
+    fn play_at(
+        &self,
+        rate: f64,
+        task: &Task,
+        p: f64,
+        settings: &AgentSettings,
+        policy: &Policy,
+    ) -> Result<(Statistics, Punctuality)> {
+        tell(&format!("{}, p = {p}, {rate} Hz", task.id()));
+        let mut team = Processes::start(settings, policy, Conduct { wait: self.wait, rate: Some(rate) })?;
+        let statistics = self.play(task, p, &mut team)?;
+        let punctuality = team.punctuality().expect("a team with a rate has a clock");
+        Ok((statistics, punctuality.clone()))
+    }
+
+    fn play(&self, task: &Task, p: f64, team: &mut impl Team) -> Result<Statistics> {
+        const SEED: u64 = 0;
+        let mut session = Session::new(task, LinkModel::new(Links::Level(p), SEED, true), SEED, 1);
+        session.play(team, self.episodes, |_| {})?;
+        Ok(session.finish()?.0)
+    }
+}
+
+impl Measured {
+    /// How much less the return is than in lockstep, over the same episodes: mean, and half its 95 % interval.
+    fn lost(&self, statistics: &Statistics) -> (f64, f64) {
+        let pairs = self.lockstep.episodes().iter().zip(statistics.episodes());
+        let lost: Vec<f64> = pairs.map(|(all, some)| all.episode_return - some.episode_return).collect();
+        (mean(&lost), ci95(&lost).expect("there are two episodes or more"))
+    }
+
+    fn json(&self) -> Value {
+        let at_rates = self.at_rates.iter().map(|(statistics, punctuality)| {
+            let (lost, lost_ci95) = self.lost(statistics);
+            json!({
+                "rate": punctuality.rate,
+                "achieved_rate": punctuality.achieved_rate(),
+                "skipped_periods": punctuality.skipped,
+                "return_mean": statistics.return_mean(),
+                "return_ci95": statistics.return_ci95(),
+                "lost_mean": lost,
+                "lost_ci95": lost_ci95,
+                "delivery_rate": statistics.delivery_rate(),
+                "late_rate": statistics.late_rate(),
+                "missed_rate": statistics.missed_rate(),
+                "begins_late": punctuality.begins.times_json(),
+                "acts_after_deadline": punctuality.acts.times_json(),
+            })
+        });
+        json!({
+            "task": self.task.id(),
+            "agents": self.task.n_agents(),
+            "p": self.p,
+            "lockstep": {
+                "return_mean": self.lockstep.return_mean(),
+                "return_ci95": self.lockstep.return_ci95(),
+                "delivery_rate": self.lockstep.delivery_rate(),
+            },
+            "at_rates": at_rates.collect::<Vec<Value>>(),
+        })
+    }
+
+    fn rows(&self) -> Vec<Vec<String>> {
+        let case = [self.task.id().to_owned(), self.p.to_string()];
+        let returned = |statistics: &Statistics| {
+            let ci95 = statistics.return_ci95().expect("there are two episodes or more");
+            [statistics.return_mean(), ci95].map(|value| format!("{value:.1}"))
+        };
+        let lockstep =
+            [&case[..], &["lockstep".to_owned(), String::new()], &returned(&self.lockstep)].concat();
+        let at_rates = self.at_rates.iter().map(|(statistics, punctuality)| {
+            let (lost, lost_ci95) = self.lost(statistics);
+            let clock = [punctuality.rate.to_string(), format!("{:.0}", punctuality.achieved_rate())];
+            let [p50, p99] = [0.5, 0.99].map(|quantile| punctuality.acts.quantile_us(quantile));
+            let rest = [
+                format!("{lost:.1}"),
+                format!("{lost_ci95:.1}"),
+                format!("{:.2}", 100.0 * statistics.late_rate().unwrap_or_default()),
+                format!("{:.2}", 100.0 * statistics.missed_rate()),
+                format!("{p50:.0}, {p99:.0}"),
+            ];
+            [&case[..], &clock, &returned(statistics), &rest].concat()
+        });
+        std::iter::once(lockstep).chain(at_rates).collect()
+    }
+
+    fn returns(&self) -> Vec<Series> {
+        let lockstep = self.lockstep.return_mean();
+        vec![
+            self.series(", lockstep", |_| (lockstep, None)),
+            self.series("", |statistics| (statistics.return_mean(), statistics.return_ci95())),
+        ]
+    }
+
+    fn late_percent(&self) -> Vec<Series> {
+        vec![self.series("", |statistics| (100.0 * statistics.late_rate().unwrap_or_default(), None))]
+    }
+
+    fn missed_percent(&self) -> Vec<Series> {
+        vec![self.series("", |statistics| (100.0 * statistics.missed_rate(), None))]
+    }
+
+    /// A value and half its 95 % interval against the rate.
+    fn series(&self, of: &str, value: impl Fn(&Statistics) -> (f64, Option<f64>)) -> Series {
+        let points = self.at_rates.iter().map(|(statistics, punctuality)| {
+            let (y, ci95) = value(statistics);
+            Point { x: punctuality.rate, y, band: ci95.map(|ci95| (y - ci95, y + ci95)) }
+        });
+        Series { name: format!("p = {}{of}", self.p), points: points.collect() }
+    }
+}
+
+/// Returns, what is late and what is missed, against the rate: a column for each task.
+fn figure(tasks: &[Task], measured: &[Measured]) -> Figure {
+    type What = fn(&Measured) -> Vec<Series>;
+    let rows: [(&str, What); 3] = [
+        ("return", Measured::returns),
+        ("late, % of observations", Measured::late_percent),
+        ("missed, % of decisions", Measured::missed_percent),
+    ];
+    let panels = rows.iter().flat_map(|(what, series)| {
+        tasks.iter().map(move |task| Panel {
+            title: task.id().to_owned(),
+            x_label: "Hz".to_owned(),
+            // Returns of different tasks have nothing in common.
+            y_label: if *what == "return" { format!("return, {}", task.id()) } else { (*what).to_owned() },
+            series: measured
+                .iter()
+                .filter(|measured| measured.task.id() == task.id())
+                .flat_map(series)
+                .collect(),
+            ..Panel::default()
+        })
+    });
+    Figure { title: "Teams against the clock".to_owned(), panels: panels.collect() }
+}

@@ -1,0 +1,89 @@
+//! Swarms against the clock.
+
+mod common;
+
+use common::{Swarm, fail, succeed};
+use rustix::process::{Signal, kill_process};
+use serde_json::Value;
+
+fn json(words: &str) -> Value {
+    serde_json::from_str(&succeed(words)).expect("output is JSON")
+}
+
+#[test]
+fn in_time_it_is_the_same_as_in_lockstep() {
+    let swarm = "spawn --task hear-see --p 0.3 --episodes 2 --audit --json";
+    let lockstep = json(swarm);
+    assert_eq!(lockstep["real_time"], Value::Null);
+    // Others may need this machine too: a period that somebody missed is no answer.
+    let in_time = (0..20).map(|_| json(&format!("{swarm} --rate 25"))).find(|played| {
+        played["real_time"]["late_rate"] == 0.0 && played["real_time"]["missed_decisions"] == 0
+    });
+    let in_time = in_time.expect("within 20 ms an agent answers, mostly");
+    for what in ["return_mean", "delivery_rate", "imputation_rmse", "audit", "ticks"] {
+        assert_eq!(in_time[what], lockstep[what], "{what}");
+    }
+    assert!(in_time["elapsed_s"].as_f64().unwrap() >= 50.0 / 25.0, "50 periods of 40 ms");
+}
+
+#[test]
+fn what_cannot_be_in_time_is_late_or_missed_and_counted() {
+    // Nobody plays at 100 kHz.
+    let played = json("spawn --task spread-xy-4 --p 0.7 --rate 100000 --episodes 40 --audit --json");
+    let (clock, audit) = (&played["real_time"], &played["audit"]);
+    let number = |value: &Value| value.as_f64().unwrap();
+    assert!(number(&clock["missed_decisions"]) > 0.0 || number(&clock["skipped_periods"]) > 0.0);
+    assert!(number(&clock["achieved_rate"]) <= 100_000.0);
+    // A decision that was made has one part for each agent; what was missed has none.
+    let parts = ["own", "received", "imputed"].map(|origin| number(&audit[origin]));
+    let made = 40.0 * 25.0 * 4.0 - number(&clock["missed_decisions"]);
+    assert_eq!((parts[0], parts.iter().sum::<f64>()), (made, 4.0 * made));
+    assert_eq!((&audit["altered"], &audit["leaked"]), (&0.into(), &0.into()));
+    if made > 0.0 {
+        assert!(number(&played["delivery_rate"]) + number(&clock["late_rate"]) <= 1.0);
+        assert!(number(&audit["late"]) > 0.0 || clock["late_rate"] == 0.0);
+    }
+}
+
+#[test]
+fn an_agent_that_hangs_holds_nobody_up() {
+    let swarm = Swarm::start("--task hear-see --rate 200 --episodes 40 --json");
+    kill_process(swarm.agents[1], Signal::STOP).unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    kill_process(swarm.agents[1], Signal::CONT).unwrap();
+    let (code, stdout, stderr) = swarm.wait();
+    assert_eq!(code, Some(0), "{stderr}");
+    let played: Value = serde_json::from_str(&stdout).unwrap();
+    // Half a second is 100 periods.
+    let (missed, due) = (played["real_time"]["missed_decisions"].as_u64().unwrap(), 40 * 25 * 2);
+    assert!((90..due).contains(&missed), "it misses what falls into its absence: {missed}");
+    assert!(played["real_time"]["late_rate"].as_f64().unwrap() > 0.05, "its peer does without it");
+}
+
+#[test]
+fn an_agent_that_dies_ends_the_swarm_also_between_ticks() {
+    let swarm = Swarm::start("--task hear-see --rate 0.1");
+    kill_process(swarm.agents[1], Signal::KILL).unwrap();
+    let (code, _, stderr) = swarm.wait();
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("agent-1") && stderr.contains("signal 9"), "{stderr}");
+}
+
+#[test]
+fn a_slow_clock_can_be_interrupted() {
+    let swarm = Swarm::start("--task hear-see --rate 0.1");
+    swarm.signal_supervisor(Signal::INT);
+    let (code, _, stderr) = swarm.wait();
+    assert_eq!(code, Some(130), "{stderr}");
+}
+
+#[test]
+fn rates_that_make_no_sense_are_refused() {
+    for rate in ["0", "-5", "nan", "1e7", "fast"] {
+        fail(&format!("spawn --rate {rate}"), 2, &["--rate", "such as 100"]);
+    }
+    fail("spawn --rate 100 --in-process", 2, &["--rate", "--in-process"]);
+    fail("spawn --rate 100 --record trace.json", 2, &["--rate", "--record"]);
+    fail("bench rate --tasks nowhere", 2, &["nowhere"]);
+    fail("bench rate --episodes 1", 2, &["--episodes"]);
+}
