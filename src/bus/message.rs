@@ -7,13 +7,13 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Version of the header and the layouts; a receiver refuses any other.
-pub const PROTOCOL: u32 = 3;
+pub const PROTOCOL: u32 = 4;
 
 /// What a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kind {
-    /// Agent to supervisor: every port is open.
+    /// Agent to supervisor: every port is open. One word: what it was [granted](crate::scheduling::Granted), in bits.
     Ready = 1,
     /// Supervisor to one agent: its own observation and its link rows.
     Sensor = 2,

@@ -6,6 +6,7 @@ use crate::agents::{AgentSettings, PolicySource};
 use crate::bus::Wait;
 use crate::link::{Links, complement};
 use crate::nn::Meta;
+use crate::scheduling::Grants;
 use crate::supervisor::{Audit, Statistics};
 use crate::table::thousands;
 use crate::world::Task;
@@ -19,6 +20,8 @@ pub(super) struct Summary<'a> {
     pub(super) policy: &'a Meta,
     /// `None` in-process, where nobody waits.
     pub(super) wait: Option<Wait>,
+    /// What the processes were granted, if they asked for anything.
+    pub(super) scheduling: Option<Grants>,
     pub(super) episodes: u64,
 }
 
@@ -71,6 +74,7 @@ impl Summary<'_> {
             lines.push(("imputation", error));
         }
         lines.push(("tick", self.tick_words(statistics)));
+        lines.extend(self.scheduling.as_ref().map(|grants| ("scheduling", grants.to_string())));
         lines.extend(audit.map(|audit| ("audit", audit.to_string())));
         lines.into_iter().map(|(name, words)| format!("{name:<12}{words}\n")).collect()
     }
@@ -105,6 +109,7 @@ impl Summary<'_> {
             "agents": task.n_agents(),
             "in_process": self.wait.is_none(),
             "wait": self.wait,
+            "scheduling": self.scheduling,
             "links": self.links.name(),
             "p": p,
             "drop": p.map(complement),

@@ -16,6 +16,7 @@ use crate::bus::{
 use crate::error::Result;
 use crate::failed;
 use crate::nn::Policy;
+use crate::scheduling::{Granted, Grants, Scheduling, allowed_cores};
 use crate::world::Task;
 
 /// How long the agents may take to start.
@@ -40,6 +41,9 @@ pub struct Processes {
     answered: u64,
     /// Per agent, of its last tick.
     times: Vec<AgentTimes>,
+    /// What each agent was granted, by its own word.
+    granted: Vec<Granted>,
+    grants: Option<Grants>,
     // Declared last: all else in it goes first.
     _directory: SwarmDirectory,
 }
@@ -60,6 +64,17 @@ impl Processes {
     /// Starts one process per agent, with the `policy` that `settings` name, and waits until all are ready. Only
     /// a policy [in training](PolicySource::Training) can be renewed.
     pub fn start(settings: &AgentSettings, policy: &Policy, wait: Wait) -> Result<Processes> {
+        Processes::start_scheduled(settings, policy, wait, Scheduling::default())
+    }
+
+    /// The same, and all processes ask the kernel for something. So does this one, once the agents are ready; it keeps
+    /// what it is granted.
+    pub fn start_scheduled(
+        settings: &AgentSettings,
+        policy: &Policy,
+        wait: Wait,
+        scheduling: Scheduling,
+    ) -> Result<Processes> {
         let (task, layout) = (settings.task()?, settings.layout()?);
         let team = task.n_agents();
         let directory = SwarmDirectory::create()?;
@@ -79,6 +94,8 @@ impl Processes {
             wait,
             answered: 0,
             times: vec![AgentTimes::default(); team],
+            granted: vec![Granted::default(); team],
+            grants: None,
             _directory: directory,
         };
         for agent in 0..team {
@@ -87,6 +104,7 @@ impl Processes {
                 agent,
                 incarnation: 0,
                 wait,
+                scheduling,
                 supervisor: std::process::id() as i32,
                 settings: settings.clone(),
             };
@@ -94,12 +112,21 @@ impl Processes {
             swarm.agents.push(ChildProcess::start(&name, "agent", &process, [nothing(), nothing()])?);
         }
         swarm.await_all("get ready", READY_DEADLINE, Processes::take_ready)?;
+        // Not earlier: the agents would inherit it. Before that, since it changes the number of cores.
+        let cores = allowed_cores().len();
+        let granted = [&[scheduling.apply(0)], swarm.granted.as_slice()].concat();
+        swarm.grants = Grants::count(&scheduling, cores, &granted);
         Ok(swarm)
     }
 
     /// The process ids of the agents.
     pub fn process_ids(&self) -> impl Iterator<Item = u32> + '_ {
         self.agents.iter().map(ChildProcess::id)
+    }
+
+    /// What the processes were granted; `None` if they asked for nothing.
+    pub fn grants(&self) -> Option<&Grants> {
+        self.grants.as_ref()
     }
 
     /// When the agents did what they did in the last tick.
@@ -167,7 +194,9 @@ impl Processes {
 
     fn take_ready(&mut self) -> Result<()> {
         while let Some(sample) = self.port.receive_decision()? {
-            self.mark(&sample, Kind::Ready, 0, 0);
+            if let Some(agent) = self.mark(&sample, Kind::Ready, 0, 1) {
+                self.granted[agent] = Granted::from_bits(sample.words()[0]);
+            }
         }
         Ok(())
     }
