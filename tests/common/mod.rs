@@ -101,8 +101,11 @@ impl Swarm {
     /// The first line on stdout: it is written when all processes are ready. The rest stays to be read.
     pub fn first_line(&mut self) -> String {
         let stdout = self.supervisor.as_mut().unwrap().stdout.as_mut().unwrap();
-        let bytes = stdout.bytes().map(|byte| byte.unwrap()).take_while(|byte| *byte != b'\n');
-        String::from_utf8(bytes.collect()).unwrap()
+        let (mut line, mut byte) = (Vec::new(), [0]);
+        while stdout.read(&mut byte).unwrap() == 1 && byte != *b"\n" {
+            line.extend(byte);
+        }
+        String::from_utf8(line).unwrap()
     }
 
     /// Waits for the supervisor to end; its exit code, stdout and stderr.
