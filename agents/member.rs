@@ -4,6 +4,7 @@ use super::{Agent, Mailbox};
 use crate::bus::{AgentPort, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, now_ns};
 use crate::error::Result;
 use crate::failed;
+use crate::scheduling::Granted;
 
 /// One agent and its port. The same code runs as a process and in-process.
 ///
@@ -52,10 +53,10 @@ impl<P: AgentPort> Member<P> {
         &self.port
     }
 
-    /// Tells the supervisor that the agent can be spoken to.
-    pub fn report_ready(&mut self) -> Result<()> {
-        let header = Header { kind: Kind::Ready as u32, sent_ns: now_ns(), ..self.identity };
-        self.port.publish_decision(header, |_| {})
+    /// Tells the supervisor that the agent can be spoken to, and what the kernel has granted it.
+    pub fn report_ready(&mut self, granted: Granted) -> Result<()> {
+        let header = Header { kind: Kind::Ready as u32, length: 1, sent_ns: now_ns(), ..self.identity };
+        self.port.publish_decision(header, |words| words[0] = granted.bits())
     }
 
     /// Reads the own sensor, if its message is there: the newest, since in real time an agent may have missed some.

@@ -9,6 +9,7 @@ use super::{Agent, AgentSettings, Member, Sensed};
 use crate::bus::{AgentSharedPort, SwarmAddress, Wait, wait_for_moment, wait_until, wake_on_time};
 use crate::error::Result;
 use crate::failed;
+use crate::scheduling::Scheduling;
 
 /// How long an agent waits for its peers before it acts without those that are missing. In lockstep the
 /// supervisor ends the swarm before that, and refuses a decision made without them.
@@ -28,6 +29,8 @@ pub struct ProcessSettings {
     pub incarnation: u32,
     /// How it waits.
     pub wait: Wait,
+    /// What it asks the kernel for.
+    pub scheduling: Scheduling,
     /// Process id of the supervisor.
     pub supervisor: i32,
     /// What it runs.
@@ -41,12 +44,14 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     let name = std::ffi::CString::new(format!("vs-agent-{}", process.agent)).expect("no NUL in it");
     let _ = rustix::thread::set_name(&name);
     wake_on_time();
-    let ProcessSettings { address, agent, incarnation, wait, settings, .. } = process;
+    let ProcessSettings { address, agent, incarnation, wait, scheduling, settings, .. } = process;
     let agent = Agent::new(settings, *agent)?;
     let layout = settings.layout()?;
     let port = open(address, &layout, agent.index())?;
+    // The supervisor is process 0.
+    let granted = scheduling.apply(agent.index() + 1);
     let mut member = Member::new(agent, port, layout, address.id(), *incarnation);
-    member.report_ready()?;
+    member.report_ready(granted)?;
     wake(&member, *wait)?;
     while next_tick(&mut member, *wait)? {
         member.publish()?;

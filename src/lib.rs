@@ -12,7 +12,7 @@
 //!
 //! | room | what is in it |
 //! |---|---|
-//! | [`distribution`], [`error`], [`file`](mod@file), [`machine`], [`rng`], [`stats`], [`table`], [`threads`] | distributions of times, errors with exit codes, files that appear whole, what results were made on, addressed draws, statistics, tables for terminals, work side by side |
+//! | [`distribution`], [`error`], [`file`](mod@file), [`machine`], [`rng`], [`scheduling`], [`stats`], [`table`], [`threads`] | distributions of times, errors with exit codes, files that appear whole, what results were made on, addressed draws, real-time hygiene, statistics, tables for terminals, work side by side |
 //! | [`world`] | physics and tasks |
 //! | [`link`] | who receives whom |
 //! | [`nn`] | actor, predictor, kernels, policy file |
@@ -46,6 +46,7 @@ pub mod nn;
 pub mod plot;
 pub mod recording;
 pub mod rng;
+pub mod scheduling;
 pub mod stats;
 pub mod supervisor;
 pub mod table;

@@ -7,7 +7,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::summary::{Outcome, Summary};
-use super::{policy_source, print, print_json, probability, rate};
+use super::{policy_source, print, print_json, probability, rate, tell};
 use crate::agents::{AgentSettings, ImputerName, PolicySource};
 use crate::bus::Wait;
 use crate::error::{Error, Result};
@@ -15,6 +15,7 @@ use crate::link::{CommunicationMatrix, LinkModel, Links, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::{Header, Recorder};
 use crate::rng::MAX_AGENTS;
+use crate::scheduling::{Grants, Scheduling};
 use crate::supervisor::{Audit, Conduct, InProcess, Processes, Session, Statistics, Team, signals};
 use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
@@ -89,8 +90,23 @@ pub struct Spawn {
     /// Ticks a second: run against the clock instead of in lockstep. Agents decide at half of each period, with what
     /// has arrived; what is late is lost, and who is late repeats its last action
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true,
-        conflicts_with_all = ["in_process", "record"])]
+        conflicts_with_all = ["in_process", "record"], help_heading = REAL_TIME)]
     rate: Option<f64>,
+
+    /// Run each process on one core, by turns where there are fewer cores than processes
+    #[arg(long, conflicts_with = "in_process", help_heading = REAL_TIME)]
+    pin: bool,
+
+    /// Keep all memory of all processes in RAM (mlockall)
+    #[arg(long, conflicts_with = "in_process", help_heading = REAL_TIME)]
+    lock_memory: bool,
+
+    /// Run before all processes of the usual scheduling policy (SCHED_FIFO), with a priority of 1 to 99 [10 if
+    /// none is given]; not with --wait spin
+    #[arg(long, value_name = "PRIORITY", num_args = 0..=1, default_missing_value = "10",
+        value_parser = clap::value_parser!(u8).range(1..=99), allow_negative_numbers = true,
+        conflicts_with = "in_process", help_heading = REAL_TIME)]
+    fifo: Option<u8>,
 
     /// Count each part of each policy input as own, received or imputed, and compare it with what was
     /// sent
@@ -106,6 +122,8 @@ pub struct Spawn {
     json: bool,
 }
 
+const REAL_TIME: &str = "Real time (what the kernel refuses is said, and done without)";
+
 const AFTER_HELP: &str = "\
 Examples:
   vamaro-swarm spawn --agents 4 --p 0.2
@@ -120,6 +138,7 @@ impl Spawn {
         signals::install()?;
         let source = policy_source(&self.policy, self.seed)?;
         let task = self.find_task(&source)?;
+        let scheduling = self.scheduling()?;
         let links = self.find_links(&task)?;
         let policy = source.load(&task)?;
         let settings = self.settings(&task, source, &policy)?;
@@ -127,7 +146,7 @@ impl Spawn {
             Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
             None => None,
         };
-        let summary = Summary {
+        let mut summary = Summary {
             task: &task,
             links: &links,
             comm_at_t0: !self.no_comm_at_t0,
@@ -135,14 +154,19 @@ impl Spawn {
             policy: policy.meta(),
             wait: (!self.in_process).then_some(self.wait),
             rate: self.rate,
+            scheduling: None,
             episodes: self.episodes,
         };
         let mut punctuality = None;
         let (statistics, audit) = if self.in_process {
             self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder)?
         } else {
-            let conduct = Conduct { wait: self.wait, rate: self.rate };
+            let conduct = Conduct { wait: self.wait, rate: self.rate, scheduling };
             let mut team = Processes::start(&settings, &policy, conduct)?;
+            summary.scheduling = team.grants().cloned();
+            if let Some(refused) = team.grants().and_then(Grants::refused) {
+                tell(&format!("note: {refused}"));
+            }
             let played = self.play(&mut team, &summary, recorder)?;
             punctuality = team.punctuality().cloned();
             played
@@ -249,6 +273,16 @@ impl Spawn {
                 ));
             }
         })
+    }
+
+    fn scheduling(&self) -> Result<Scheduling> {
+        if self.fifo.is_some() && self.wait == Wait::Spin {
+            return Err(usage!(
+                "--fifo with --wait spin: processes that never sleep and go before all others leave no core to the rest \
+                 of the machine; use --wait block"
+            ));
+        }
+        Ok(Scheduling { pin: self.pin, lock_memory: self.lock_memory, fifo: self.fifo })
     }
 
     fn settings(&self, task: &Task, policy: PolicySource, loaded: &Policy) -> Result<AgentSettings> {

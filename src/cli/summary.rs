@@ -7,6 +7,7 @@ use crate::bus::Wait;
 use crate::distribution::Distribution;
 use crate::link::{Links, complement};
 use crate::nn::Meta;
+use crate::scheduling::Grants;
 use crate::supervisor::{Audit, Punctuality, Statistics};
 use crate::table::thousands;
 use crate::world::Task;
@@ -22,6 +23,8 @@ pub(super) struct Summary<'a> {
     pub(super) wait: Option<Wait>,
     /// `None` in lockstep.
     pub(super) rate: Option<f64>,
+    /// What the processes were granted, if they asked for anything.
+    pub(super) scheduling: Option<Grants>,
     pub(super) episodes: u64,
 }
 
@@ -87,6 +90,7 @@ impl Summary<'_> {
             None => lines.push(("tick", self.tick_words(statistics))),
             Some(punctuality) => lines.extend(clock_lines(statistics, punctuality)),
         }
+        lines.extend(self.scheduling.as_ref().map(|grants| ("scheduling", grants.to_string())));
         lines.extend(audit.map(|audit| ("audit", audit.to_string())));
         lines.into_iter().map(|(name, words)| format!("{name:<12}{words}\n")).collect()
     }
@@ -122,6 +126,7 @@ impl Summary<'_> {
             "agents": task.n_agents(),
             "in_process": self.wait.is_none(),
             "wait": self.wait,
+            "scheduling": self.scheduling,
             "links": self.links.name(),
             "p": p,
             "drop": p.map(complement),

@@ -3,6 +3,8 @@
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
+use crate::scheduling::{allowed_cores, only};
+
 /// This thread and other processes, each on a core of its own. Dropping it sets this thread free again.
 pub(super) struct Pinned {
     before: CpuSet,
@@ -12,7 +14,7 @@ impl Pinned {
     /// Pins this thread and these processes; `None` if there are not enough cores for all, or it is not allowed.
     pub(super) fn new(processes: &[u32]) -> Option<Pinned> {
         let before = sched_getaffinity(None).ok()?;
-        let cores: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|core| before.is_set(*core)).collect();
+        let cores = allowed_cores();
         if cores.len() < processes.len() + 1 {
             return None;
         }
@@ -20,9 +22,7 @@ impl Pinned {
         let this = std::iter::once(None);
         let others = processes.iter().map(|process| Pid::from_raw(*process as i32));
         for (process, core) in this.chain(others).zip(cores) {
-            let mut only = CpuSet::new();
-            only.set(core);
-            sched_setaffinity(process, &only).ok()?;
+            sched_setaffinity(process, &only(core)).ok()?;
         }
         Some(pinned)
     }

@@ -18,6 +18,7 @@ use crate::bus::{
 use crate::error::Result;
 use crate::failed;
 use crate::nn::Policy;
+use crate::scheduling::{Granted, Grants, Scheduling, allowed_cores};
 use crate::world::Task;
 
 /// How long the agents may take to start.
@@ -44,6 +45,9 @@ pub struct Processes {
     answered: u64,
     /// Per agent, of its last tick.
     times: Vec<AgentTimes>,
+    /// What each agent was granted, by its own word.
+    granted: Vec<Granted>,
+    grants: Option<Grants>,
     // Declared last: all else in it goes first.
     _directory: SwarmDirectory,
 }
@@ -55,6 +59,9 @@ pub struct Conduct {
     pub wait: Wait,
     /// Ticks a second of a swarm in real time; `None` for lockstep, where everybody waits for everybody.
     pub rate: Option<f64>,
+    /// What each asks the kernel for: the agents before they are ready, this process after that. It keeps what it is
+    /// granted.
+    pub scheduling: Scheduling,
 }
 
 impl From<Wait> for Conduct {
@@ -83,7 +90,7 @@ impl Processes {
         policy: &Policy,
         conduct: impl Into<Conduct>,
     ) -> Result<Processes> {
-        let Conduct { wait, rate } = conduct.into();
+        let Conduct { wait, rate, scheduling } = conduct.into();
         let (task, layout) = (settings.task()?, settings.layout()?);
         let team = task.n_agents();
         let directory = SwarmDirectory::create()?;
@@ -109,6 +116,8 @@ impl Processes {
             clock: rate.map(Clock::new),
             answered: 0,
             times: vec![AgentTimes::default(); team],
+            granted: vec![Granted::default(); team],
+            grants: None,
             _directory: directory,
         };
         for agent in 0..team {
@@ -117,14 +126,19 @@ impl Processes {
                 agent,
                 incarnation: 0,
                 wait,
+                scheduling,
                 supervisor: std::process::id() as i32,
                 settings: settings.clone(),
             };
             let (name, nothing) = (format!("agent-{agent}"), || Stdio::null());
             swarm.agents.push(ChildProcess::start(&name, "agent", &process, [nothing(), nothing()])?);
         }
-        wake_on_time();
         swarm.await_all("get ready", READY_DEADLINE, Processes::take_ready)?;
+        wake_on_time();
+        // Counted before this process is pinned, which it is last, since the agents would inherit it.
+        let cores = allowed_cores().len();
+        let granted = [&[scheduling.apply(0)], swarm.granted.as_slice()].concat();
+        swarm.grants = Grants::count(&scheduling, cores, &granted);
         Ok(swarm)
     }
 
@@ -136,6 +150,11 @@ impl Processes {
     /// How well a swarm in real time keeps to its clock; `None` in lockstep.
     pub fn punctuality(&self) -> Option<&Punctuality> {
         self.clock.as_ref().map(|clock| &clock.punctuality)
+    }
+
+    /// What the processes were granted; `None` if they asked for nothing.
+    pub fn grants(&self) -> Option<&Grants> {
+        self.grants.as_ref()
     }
 
     /// When the agents did what they did in the last tick.
@@ -237,7 +256,9 @@ impl Processes {
 
     fn take_ready(&mut self) -> Result<()> {
         while let Some(sample) = self.port.receive_decision()? {
-            self.mark(&sample, Kind::Ready, 0, 0);
+            if let Some(agent) = self.mark(&sample, Kind::Ready, 0, 1) {
+                self.granted[agent] = Granted::from_bits(sample.words()[0]);
+            }
         }
         Ok(())
     }

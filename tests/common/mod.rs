@@ -3,6 +3,7 @@
 
 pub mod training;
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -89,8 +90,22 @@ impl Swarm {
         panic!("the swarm does not start: {words}");
     }
 
+    pub fn supervisor(&self) -> Pid {
+        Pid::from_child(self.supervisor.as_ref().unwrap())
+    }
+
     pub fn signal_supervisor(&self, signal: Signal) {
-        kill_process(Pid::from_child(self.supervisor.as_ref().unwrap()), signal).unwrap();
+        kill_process(self.supervisor(), signal).unwrap();
+    }
+
+    /// The first line on stdout: it is written when all processes are ready. The rest stays to be read.
+    pub fn first_line(&mut self) -> String {
+        let stdout = self.supervisor.as_mut().unwrap().stdout.as_mut().unwrap();
+        let (mut line, mut byte) = (Vec::new(), [0]);
+        while stdout.read(&mut byte).unwrap() == 1 && byte != *b"\n" {
+            line.extend(byte);
+        }
+        String::from_utf8(line).unwrap()
     }
 
     /// Waits for the supervisor to end; its exit code, stdout and stderr.

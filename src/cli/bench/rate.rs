@@ -124,7 +124,8 @@ impl BenchRate {
         policy: &Policy,
     ) -> Result<(Statistics, Punctuality)> {
         tell(&format!("{}, p = {p}, {rate} Hz", task.id()));
-        let mut team = Processes::start(settings, policy, Conduct { wait: self.wait, rate: Some(rate) })?;
+        let mut team =
+            Processes::start(settings, policy, Conduct { rate: Some(rate), ..Conduct::from(self.wait) })?;
         let statistics = self.play(task, p, &mut team)?;
         let punctuality = team.punctuality().expect("a team with a rate has a clock");
         Ok((statistics, punctuality.clone()))
