@@ -53,6 +53,45 @@ impl<'a> Linear<'a> {
         Some(Linear { rows, k, n, x, weight, start, y })
     }
 
+    /// One row, two inputs at a time: the outputs of all whole tiles of `V` vectors. Returns the first column
+    /// that is not among them.
+    ///
+    /// The weights are read from front to back, in two runs side by side, and sums wait in `y` for the next inputs.
+    /// Out of the L3 cache that is quicker than panels, which read a part of each row and skip the rest.
+    #[inline(always)]
+    fn pairs<S: Simd, const V: usize>(&mut self, simd: S) -> usize {
+        let (n, width) = (self.n, V * S::F32_LANES);
+        let end = n - n % width;
+        let (pairs, odd) = self.x.as_chunks::<2>();
+        // A single tile is read from front to back anyway, and its sums stay in registers.
+        if self.rows > 1 || end <= width || !odd.is_empty() {
+            return 0;
+        }
+        let y = &mut self.y[..end];
+        match self.start {
+            Start::Bias(bias) => y.copy_from_slice(&bias[..end]),
+            Start::Output => {}
+            Start::Zero => y.fill(0.0),
+        }
+        for (x, weights) in pairs.iter().zip(self.weight.chunks_exact(2 * n)) {
+            let x = x.map(|x| simd.splat_f32s(x));
+            for (tile, y) in y.chunks_exact_mut(width).enumerate() {
+                let y = S::as_mut_simd_f32s(y).0;
+                let y: &mut [S::f32s; V] = y.try_into().expect("the slice is V vectors wide");
+                let mut sums = *y;
+                for (x, weights) in x.iter().zip(weights.chunks_exact(n)) {
+                    let weights = S::as_simd_f32s(&weights[tile * width..][..width]).0;
+                    let weights: &[S::f32s; V] = weights.try_into().expect("the slice is V vectors wide");
+                    for (sum, &weight) in sums.iter_mut().zip(weights) {
+                        *sum = simd.mul_add_e_f32s(*x, weight, *sum);
+                    }
+                }
+                *y = sums;
+            }
+        }
+        end
+    }
+
     /// The outputs of `R` rows from `row` and the columns of one panel: tiles of `V` vectors, then of one,
     /// then the last columns that fill no vector. Returns `R`.
     #[inline(always)]
@@ -140,7 +179,8 @@ impl WithSimd for Linear<'_> {
         // Tiles of as many sums as there are registers for. A single row is about reading memory: its tiles
         // are as wide as they can be, so that weights are read in long runs.
         let wide = S::REGISTER_COUNT >= 32;
-        for from in (0..self.n).step_by(PANEL * S::F32_LANES) {
+        let first = if wide { self.pairs::<S, 16>(simd) } else { self.pairs::<S, 8>(simd) };
+        for from in (first..self.n).step_by(PANEL * S::F32_LANES) {
             let to = self.n.min(from + PANEL * S::F32_LANES);
             let mut row = 0;
             while row < self.rows {

@@ -49,7 +49,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn linear_is_the_product(rows in 1usize..20, k in 0usize..70, n in 1usize..300, seed in any::<u64>()) {
+    fn linear_is_the_product(rows in 1usize..20, k in 0usize..70, n in 1usize..700, seed in any::<u64>()) {
         let (x, weight) = (numbers(seed, rows * k, 1.0), numbers(seed ^ 1, k * n, 1.0));
         let (bias, before) = (numbers(seed ^ 2, n, 1.0), numbers(seed ^ 3, rows * n, 1.0));
         for arch in arches() {
@@ -57,18 +57,21 @@ proptest! {
             linear_on(arch, rows, &x, &weight, Start::Bias(&bias), &mut y);
             let mut sum = before.clone();
             linear_on(arch, rows, &x, &weight, Start::Output, &mut sum);
+            let mut alone = before.clone();
+            linear_on(arch, rows, &x, &weight, Start::Zero, &mut alone);
             for (r, c) in (0..rows).flat_map(|r| (0..n).map(move |c| (r, c))) {
                 let product: f64 =
                     (0..k).map(|i| x[r * k + i] as f64 * weight[i * n + c] as f64).sum();
                 let (at, tolerance) = (r * n + c, 1e-6 * (k + 1) as f64);
                 prop_assert!((y[at] as f64 - product - bias[c] as f64).abs() < tolerance);
                 prop_assert!((sum[at] as f64 - product - before[at] as f64).abs() < tolerance);
+                prop_assert!((alone[at] as f64 - product).abs() < tolerance);
             }
         }
     }
 
     #[test]
-    fn a_row_is_the_same_bits_alone_and_among_others(k in 1usize..60, n in 1usize..200, seed in any::<u64>()) {
+    fn a_row_is_the_same_bits_alone_and_among_others(k in 1usize..60, n in 1usize..700, seed in any::<u64>()) {
         same_bits_alone_and_among_others(k, n, seed);
     }
 }
