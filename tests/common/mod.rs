@@ -89,8 +89,13 @@ impl Swarm {
         panic!("the swarm does not start: {words}");
     }
 
+    /// The supervisor's process id, which is that of its main thread.
+    pub fn supervisor(&self) -> Pid {
+        Pid::from_child(self.supervisor.as_ref().unwrap())
+    }
+
     pub fn signal_supervisor(&self, signal: Signal) {
-        kill_process(Pid::from_child(self.supervisor.as_ref().unwrap()), signal).unwrap();
+        kill_process(self.supervisor(), signal).unwrap();
     }
 
     /// Waits for the supervisor to end; its exit code, stdout and stderr.
