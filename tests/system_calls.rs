@@ -176,7 +176,11 @@ impl Tracer {
             .expect("the process is stopped");
         // SAFETY: zeros are a valid value, of which the kernel has overwritten what `op` says.
         let info = unsafe { info.assume_init() };
-        (info.op == libc::PTRACE_SYSCALL_INFO_ENTRY).then(|| unsafe { info.u.entry.nr } as i64)
+        match info.op {
+            // SAFETY: it says so.
+            libc::PTRACE_SYSCALL_INFO_ENTRY => Some(unsafe { info.u.entry.nr } as i64),
+            _ => None,
+        }
     }
 
     fn ask(&self, request: libc::c_uint, address: usize, data: usize) -> Result<i64> {
