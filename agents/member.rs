@@ -219,4 +219,26 @@ mod tests {
         let (_hub, mut member, _) = told(1);
         assert!(member.sense().is_err());
     }
+
+    #[test]
+    fn an_agent_that_missed_ticks_goes_on_with_the_newest_in_the_episode_it_is_of() {
+        let (hub, mut member, _) = told(0);
+        assert_eq!(member.sense().unwrap(), Sensed::Tick);
+        assert_eq!(member.deadline_ns(), None);
+        let words = member.layout.sensor_words(1);
+        let tick = |episode, step, deadline_ns| Header {
+            episode,
+            step,
+            tick: 100 * episode + u64::from(step),
+            deadline_ns,
+            ..message(Kind::Sensor, 0, words)
+        };
+        // Steps 1 to 24 of episode 0 and the first two of episode 1 passed by.
+        for step in [2, 3] {
+            hub.send_sensor(0, LocalSample::new(tick(1, step, 7000 + u64::from(step)), |_| {}));
+        }
+        assert_eq!(member.sense().unwrap(), Sensed::Tick);
+        assert_eq!((member.deadline_ns(), member.episode), (Some(7003), Some(1)));
+        assert_eq!(member.sense().unwrap(), Sensed::Nothing);
+    }
 }

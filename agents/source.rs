@@ -33,6 +33,8 @@ pub enum PolicySource {
     Untrained(u64),
     /// A policy file.
     File(PathBuf),
+    /// The copy that a supervisor has made for its agents, in the swarm's directory, of a policy that it had checked.
+    Copy(PathBuf),
     /// A policy in training: the supervisor hands it to the team at the start, and new weights whenever it
     /// has learned.
     Training,
@@ -59,6 +61,7 @@ impl PolicySource {
                 Policy::untrained(&dims(task), *seed, Networks::paper(paper_actor(task)))
             }
             PolicySource::File(path) => Policy::open(path, &dims(task)),
+            PolicySource::Copy(path) => Policy::open_copy(path, &dims(task)),
             PolicySource::Training => Err(failed!("a policy in training cannot be loaded, only handed over")),
         }
     }
@@ -69,7 +72,7 @@ impl fmt::Display for PolicySource {
         match self {
             PolicySource::Builtin => write!(f, "builtin"),
             PolicySource::Untrained(seed) => write!(f, "untrained (seed {seed})"),
-            PolicySource::File(path) => write!(f, "{}", path.display()),
+            PolicySource::File(path) | PolicySource::Copy(path) => write!(f, "{}", path.display()),
             PolicySource::Training => write!(f, "in training"),
         }
     }

@@ -9,7 +9,7 @@ use super::weights::{Storage, Tensor};
 use super::{Dims, PredictorSpec};
 use crate::error::Result;
 use crate::{failed, usage};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -65,6 +65,15 @@ impl Policy {
     /// damaged: a tensor missing, unexpected, of another shape or type than its description asks for, or
     /// with a value that is not finite.
     pub fn open(path: &Path, dims: &Dims) -> Result<Policy> {
+        Policy::open_copy(path, dims)?.checked(&path.display().to_string())
+    }
+
+    /// The policy in a file that this program has just [saved](Policy::save) from a policy it had checked: as
+    /// [`Policy::open`], but the values are not looked at, so that only those of networks that run are read.
+    ///
+    /// # Errors
+    /// As [`Policy::open`], except that values that are not finite go unnoticed.
+    pub fn open_copy(path: &Path, dims: &Dims) -> Result<Policy> {
         let map = file::map(path)?;
         let source = path.display().to_string();
         let file = PolicyFile::parse(&map, &source)?;
@@ -84,10 +93,10 @@ impl Policy {
         let source = "the embedded policy";
         let file = PolicyFile::parse(bytes, source)?;
         if file.tensors.iter().any(|tensor| tensor.precision == Precision::Half) {
-            return Policy::converted(file, bytes, dims, source);
+            return Policy::converted(file, bytes, dims, source)?.checked(source);
         }
         let storage = Storage::from_static(&bytes[file.data..]);
-        Policy::from_file(file, storage, dims, source)
+        Policy::from_file(file, storage, dims, source)?.checked(source)
     }
 
     /// A policy that has learned nothing: PyTorch's default initialisation, [drawn](TensorSpec::untrained)
@@ -129,7 +138,7 @@ impl Policy {
         let storage = Arc::new(storage);
         let tensors = ranges.into_iter().map(|range| Tensor::new(storage.clone(), range));
         let tensors = specs.into_iter().zip(tensors).collect();
-        Policy::assemble(dims, meta, networks, tensors, "the new policy")
+        Policy::assemble(dims, meta, networks, tensors).checked("the new policy")
     }
 
     /// This policy with other values, in the order of [`Policy::copy_values`].
@@ -254,7 +263,7 @@ impl Policy {
         Policy::from_file(file, storage, dims, source)
     }
 
-    /// Checks what `file` promises against what `dims` needs and `storage` holds.
+    /// Checks what `file` promises against what `dims` needs and `storage` holds, but for the values themselves.
     fn from_file(file: PolicyFile, storage: Storage, dims: &Dims, source: &str) -> Result<Policy> {
         let PolicyFile { meta, networks, tensors: found, .. } = file;
         if meta.task != dims.task {
@@ -262,7 +271,8 @@ impl Policy {
         }
         networks.check_fit(dims).map_err(|error| failed!("{source}: {error}"))?;
         let specs = networks.tensors(dims);
-        if let Some(extra) = found.iter().find(|tensor| specs.iter().all(|spec| spec.name != tensor.name)) {
+        let expected: HashSet<&str> = specs.iter().map(|spec| &spec.name[..]).collect();
+        if let Some(extra) = found.iter().find(|tensor| !expected.contains(&tensor.name[..])) {
             return Err(failed!("{source}: unexpected tensor {}", extra.name));
         }
         let found: HashMap<&str, _> = found.iter().map(|tensor| (&tensor.name[..], tensor)).collect();
@@ -280,18 +290,12 @@ impl Policy {
             let range = start..start + spec.n_values();
             tensors.push((spec, Tensor::new(storage.clone(), range)));
         }
-        Policy::assemble(dims, meta, networks, tensors, source)
+        Ok(Policy::assemble(dims, meta, networks, tensors))
     }
 
-    /// The networks of these tensors, which are those of [`Networks::tensors`].
-    fn assemble(
-        dims: &Dims,
-        meta: Meta,
-        networks: Networks,
-        tensors: Vec<(TensorSpec, Tensor)>,
-        source: &str,
-    ) -> Result<Policy> {
-        for (spec, tensor) in &tensors {
+    /// This policy, unless one of its values is not finite.
+    fn checked(self, source: &str) -> Result<Policy> {
+        for (spec, tensor) in self.tensors() {
             if let Some(at) = tensor.values().iter().position(|value| !value.is_finite()) {
                 let value = tensor.values()[at];
                 return Err(failed!(
@@ -300,6 +304,11 @@ impl Policy {
                 ));
             }
         }
+        Ok(self)
+    }
+
+    /// The networks of these tensors, which are those of [`Networks::tensors`].
+    fn assemble(dims: &Dims, meta: Meta, networks: Networks, tensors: Vec<(TensorSpec, Tensor)>) -> Policy {
         let parts = Parts(tensors.iter().map(|(spec, tensor)| (&spec.name[..], tensor)).collect());
         let actor = |agent| {
             let prefix = networks.actor_prefix(agent);
@@ -318,7 +327,7 @@ impl Policy {
         };
         let actors = (0..dims.n_agents).map(actor).collect();
         let predictors = networks.predictors.iter().map(predictor).collect();
-        Ok(Policy { meta, networks, dims: dims.clone(), tensors, actors, predictors })
+        Policy { meta, networks, dims: dims.clone(), tensors, actors, predictors }
     }
 }
 

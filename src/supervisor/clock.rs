@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn a_period_that_is_over_is_left_out() {
         let mut clock = Clock::new(1e6);
-        let period = |periods| {
+        let period = |periods: u64| {
             let begins_ns = FIRST + 1000 * periods;
             Period { begins_ns, deadline_ns: begins_ns + 500, ends_ns: begins_ns + 1000 }
         };

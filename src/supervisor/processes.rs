@@ -350,7 +350,7 @@ fn share_weights(
     if settings.policy != PolicySource::Builtin || !policy.is_shared() {
         let path = directory.path().join("policy.safetensors");
         policy.save(&path)?;
-        settings.policy = PolicySource::File(path);
+        settings.policy = PolicySource::Copy(path);
     }
     Ok(settings)
 }

@@ -90,6 +90,7 @@ impl Swarm {
         panic!("the swarm does not start: {words}");
     }
 
+    /// The supervisor's process id, which is that of its main thread.
     pub fn supervisor(&self) -> Pid {
         Pid::from_child(self.supervisor.as_ref().unwrap())
     }
