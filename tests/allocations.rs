@@ -95,7 +95,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
         let settings = AgentSettings { imputer, ..AgentSettings::for_task(&task) };
         let layout = settings.layout().unwrap();
         let directory = SwarmDirectory::create().unwrap();
-        let address = SwarmAddress { tag: directory.tag().to_owned(), agents, worlds: 1, weights: 0 };
+        let address = SwarmAddress { agents, ..SwarmAddress::of(directory.tag()) };
         let supervisor = SupervisorPort::create(&address, &layout).unwrap();
         let member = |index| {
             let agent = Agent::new(&settings, index).unwrap();
