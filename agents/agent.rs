@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{Imputer, ImputerName, Inbox, JointLayout, PolicySource};
 use crate::bus::Layout;
 use crate::error::Result;
-use crate::nn::{Actor, Policy, Scratch};
+use crate::nn::{Actor, ActorState, Policy, Scratch};
 use crate::rng::{Draws, Purpose};
 use crate::world::{N_ACTIONS, Task};
 
@@ -65,8 +65,7 @@ pub struct Agent {
     imputer: Imputer,
     actor: Actor,
     parts: Parts,
-    /// The actor's recurrent state, `[worlds, state]`; empty for an MLP.
-    hidden: Vec<f32>,
+    state: ActorState,
     scratch: Scratch,
     /// The policy's input, `[worlds, joint]`.
     estimates: Vec<f32>,
@@ -105,7 +104,7 @@ impl Agent {
             greedy: settings.greedy,
             worlds,
             imputer: settings.imputer.build(policy, &task, worlds)?,
-            hidden: vec![0.0; worlds * actor.state_len()],
+            state: actor.state(worlds),
             scratch: Scratch::default(),
             parts: Parts {
                 all: policy.n_values(),
@@ -154,7 +153,7 @@ impl Agent {
 
     /// Forgets the last episode: one starts in this many worlds.
     pub fn begin_episode(&mut self, worlds: usize) {
-        self.hidden.fill(0.0);
+        self.state.start(&self.actor, worlds);
         self.imputer.begin_episode(worlds);
     }
 
@@ -166,13 +165,12 @@ impl Agent {
         self.imputer.fuse(world, self.index, own, inbox, estimate)
     }
 
-    /// Chooses an action in each of the first `worlds` worlds from the joint estimates.
+    /// Chooses an action in each of the `worlds` worlds of the episode from the joint estimates.
     pub fn act(&mut self, episode: u64, step: u32, worlds: usize) {
         self.actions.clear();
         let estimates = &self.estimates[..worlds * self.task.joint_dim()];
-        let hidden = &mut self.hidden[..worlds * self.actor.state_len()];
         let logits = &mut self.logits[..worlds * N_ACTIONS];
-        self.actor.forward(worlds, estimates, hidden, &mut self.scratch, logits);
+        self.actor.forward(worlds, estimates, &mut self.state, &mut self.scratch, logits);
         let available = self.task.available_actions(self.index);
         for (world, logits) in logits.chunks_exact(N_ACTIONS).enumerate() {
             let logits = &logits[..available];
@@ -188,9 +186,10 @@ impl Agent {
         }
     }
 
-    /// Carries the joint estimates of the last [`Agent::act`] over to the next step.
+    /// Carries the joint estimates of the last [`Agent::act`] over to the next step, and computes of that what it can.
     pub fn predict(&mut self) {
         let worlds = self.actions.len();
+        self.actor.prepare(worlds, &mut self.state);
         self.imputer.predict(worlds, &self.estimates[..worlds * self.task.joint_dim()]);
     }
 

@@ -73,11 +73,12 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         let (actor, predictor) = (policy.actor(3), policy.predictor("value-aware").unwrap());
         let rows = 10;
         let inputs = vec![0.5; rows * dims.joint];
-        let (mut hidden, mut state) = (vec![0.0; rows * actor.state_len()], predictor.state(rows));
+        let (mut memory, mut state) = (actor.state(rows), predictor.state(rows));
         let (mut logits, mut out) = (vec![0.0; rows * dims.n_actions], vec![0.0; rows * 2 * dims.predicted]);
         let mut scratch = Scratch::default();
         let mut tick = || {
-            actor.forward(rows, &inputs, &mut hidden, &mut scratch, &mut logits);
+            actor.forward(rows, &inputs, &mut memory, &mut scratch, &mut logits);
+            actor.prepare(rows, &mut memory);
             predictor.step(rows, &inputs, &mut state, &mut scratch, &mut out);
         };
         tick();

@@ -19,6 +19,16 @@ pub struct Actor {
     pub(super) joint: usize,
 }
 
+/// What an actor remembers of an episode: nothing if it is an MLP.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ActorState {
+    /// The hidden state of a GRU, `[rows, hidden size]`.
+    hidden: Vec<f32>,
+    /// What it contributes to the next step, `[rows, 3 * hidden size]`, if that has been computed ahead.
+    recurrent: Vec<f32>,
+    is_ahead: bool,
+}
+
 /// The layer between the first and the last.
 #[derive(Clone, Debug)]
 pub(super) enum Middle {
@@ -27,28 +37,25 @@ pub(super) enum Middle {
 }
 
 impl Actor {
-    /// Length of a row of hidden state: the hidden size of a GRU, 0 for an MLP.
-    pub fn state_len(&self) -> usize {
-        match self.middle {
-            Middle::Linear(_) => 0,
-            Middle::Gru(_) => self.hidden(),
-        }
+    /// The state in which `rows` episodes start.
+    pub fn state(&self, rows: usize) -> ActorState {
+        let mut state = ActorState::default();
+        state.start(self, rows);
+        state
     }
 
-    /// The logits of `rows` inputs.
+    /// One step of `rows` episodes: `state` advances, and `logits` become those of the inputs.
     ///
-    /// `inputs` is `[rows, joint]`, `logits` `[rows, n_actions]`. `hidden` is `[rows, state_len]` and goes
-    /// from one step to the next; it starts an episode at zero.
+    /// `inputs` is `[rows, joint]`, `logits` `[rows, n_actions]`.
     pub fn forward(
         &self,
         rows: usize,
         inputs: &[f32],
-        hidden: &mut [f32],
+        state: &mut ActorState,
         scratch: &mut Scratch,
         logits: &mut [f32],
     ) {
         assert_eq!(inputs.len(), rows * self.joint, "actor: inputs are not [rows, joint]");
-        assert_eq!(hidden.len(), rows * self.state_len(), "actor: hidden is not [rows, state_len]");
         let h = rows * self.hidden();
         match &self.middle {
             Middle::Linear(fc2) => {
@@ -59,11 +66,24 @@ impl Actor {
                 self.out.forward(rows, second, logits);
             }
             Middle::Gru(cell) => {
-                let [first, input, recurrent] = scratch.split([h, 3 * h, 3 * h]);
+                assert_eq!(state.hidden.len(), h, "actor: the state is not that of as many rows");
+                self.prepare(rows, state);
+                let ActorState { hidden, recurrent, is_ahead } = state;
+                let [first, input] = scratch.split([h, 3 * h]);
                 self.first(rows, inputs, first);
-                cell.gru(rows, first, hidden, input, recurrent);
+                cell.gru(rows, first, hidden, recurrent, input);
+                *is_ahead = false;
                 self.out.forward(rows, hidden, logits);
             }
+        }
+    }
+
+    /// Computes what the next step takes of the state alone, half the work of a GRU. A step sees to it itself, but
+    /// whoever calls this when an action is out has the next one sooner, by the same bits.
+    pub fn prepare(&self, rows: usize, state: &mut ActorState) {
+        if let (Middle::Gru(cell), false) = (&self.middle, state.is_ahead) {
+            cell.recurrent(rows, &state.hidden, &mut state.recurrent);
+            state.is_ahead = true;
         }
     }
 
@@ -96,5 +116,19 @@ impl Actor {
 
     fn hidden(&self) -> usize {
         self.fc1.bias.values().len()
+    }
+}
+
+impl ActorState {
+    /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
+    pub fn start(&mut self, actor: &Actor, rows: usize) {
+        let hidden = match actor.middle {
+            Middle::Linear(_) => 0,
+            Middle::Gru(_) => rows * actor.hidden(),
+        };
+        self.hidden.clear();
+        self.hidden.resize(hidden, 0.0);
+        self.recurrent.resize(3 * hidden, 0.0);
+        self.is_ahead = false;
     }
 }

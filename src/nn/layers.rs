@@ -32,19 +32,23 @@ pub(super) struct Cell {
 }
 
 impl Cell {
-    /// One GRU step: `hidden` `[rows, h]` becomes that after `x`. `input` and `recurrent`, both
-    /// `[rows, 3 h]`, are scratch.
+    /// One GRU step: `hidden` `[rows, h]` becomes that after `x`. `recurrent` `[rows, 3 h]` is what
+    /// [`Cell::recurrent`] made of it, `input` `[rows, 3 h]` is scratch.
     pub(super) fn gru(
         &self,
         rows: usize,
         x: &[f32],
         hidden: &mut [f32],
+        recurrent: &[f32],
         input: &mut [f32],
-        recurrent: &mut [f32],
     ) {
         kernels::linear(rows, x, self.weight_ih.values(), Start::Bias(self.bias_ih.values()), input);
-        kernels::linear(rows, hidden, self.weight_hh.values(), Start::Bias(self.bias_hh.values()), recurrent);
         kernels::gru_gates(rows, input, recurrent, hidden);
+    }
+
+    /// What the `hidden` state `[rows, h]` of a GRU alone contributes to the gates of its next step, `[rows, 3 h]`.
+    pub(super) fn recurrent(&self, rows: usize, hidden: &[f32], recurrent: &mut [f32]) {
+        kernels::linear(rows, hidden, self.weight_hh.values(), Start::Bias(self.bias_hh.values()), recurrent);
     }
 
     /// One LSTM step: `hidden` and `cell` `[rows, h]` become those after `x`. `gates` `[rows, 4 h]` is

@@ -24,7 +24,7 @@ mod state_dict;
 mod tests;
 mod weights;
 
-pub use actor::Actor;
+pub use actor::{Actor, ActorState};
 pub use file::{PolicyFile, Precision};
 pub(crate) use file::{map, write_tensors};
 pub use import::import;

@@ -26,9 +26,10 @@ Examples:
   vamaro-swarm bench agent --task hear-see --seconds 2 --json
 
 An agent of the paper's networks with an MLP and with a GRU as actor, on one thread, in one world
-and in ten: fuse and act are the decision, predict comes after it. All observations are delivered.
-Beside it the same weights are read once, and candle computes the same networks. Each figure is the
-median of all calls; everything is measured in turn, three times.")]
+and in ten: fuse and act are the decision, predict comes after it: the predictor, and what a GRU's
+next step takes of its state alone. All observations are delivered. Beside each the weights that it
+takes are read once, and candle computes the same networks, all of the actor in one piece. Each
+figure is the median of all calls; everything is measured in turn, three times.")]
 pub struct BenchAgent {
     /// The task
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]
@@ -52,8 +53,10 @@ struct Measured {
     policy: Distribution,
     decision: Distribution,
     predict: Distribution,
-    stream_actor: Distribution,
-    stream_predictor: Distribution,
+    /// The weights that a decision takes, read once.
+    stream_decision: Distribution,
+    /// Those of what follows it.
+    stream_predict: Distribution,
     candle_actor: Distribution,
     candle_predictor: Distribution,
 }
@@ -95,18 +98,20 @@ impl BenchAgent {
 }
 
 /// What is said of a case: the name for programs, and the line for people.
-const FIGURES: [(&str, &str); 11] = [
+const FIGURES: [(&str, &str); 13] = [
     ("decision_us", "decision"),
     ("imputer_us", "  imputer (fuse)"),
     ("policy_us", "  policy (act)"),
-    ("stream_us", "the actor's weights read once"),
+    ("stream_us", "its weights read once"),
     ("ratio_to_stream", "  ratio of the decision to that"),
     ("candle_us", "candle's actor"),
     ("ratio_to_candle", "  ratio of the decision to that"),
     ("predict_us", "predict, after the decision"),
-    ("predict_stream_us", "the predictor's weights read once"),
+    ("predict_stream_us", "its weights read once"),
     ("predict_ratio_to_stream", "  ratio of predict to that"),
     ("predict_candle_us", "candle's predictor"),
+    ("both_us", "decision and predict"),
+    ("both_ratio_to_candle", "  ratio to candle's actor and predictor"),
 ];
 
 impl Measured {
@@ -114,8 +119,8 @@ impl Measured {
     fn values(&self) -> [f64; FIGURES.len()] {
         let us = |distribution: &Distribution| distribution.quantile_us(0.5);
         let (decision, predict) = (us(&self.decision), us(&self.predict));
-        let (stream, candle) = (us(&self.stream_actor), us(&self.candle_actor));
-        let predict_stream = us(&self.stream_predictor);
+        let (stream, candle) = (us(&self.stream_decision), us(&self.candle_actor));
+        let predict_stream = us(&self.stream_predict);
         [
             decision,
             us(&self.imputer),
@@ -128,6 +133,8 @@ impl Measured {
             predict_stream,
             predict / predict_stream,
             us(&self.candle_predictor),
+            decision + predict,
+            (decision + predict) / (candle + us(&self.candle_predictor)),
         ]
     }
 
@@ -167,23 +174,26 @@ impl Measured {
         })
     }
 
-    /// The least that a decision of one row does: it reads each weight.
+    /// The least that one row takes: each weight is read.
     fn weights(&mut self, policy: &Policy, longest: Duration) -> Result<()> {
-        let weights = |prefix: &str| -> Vec<&[f32]> {
-            let tensors = policy.tensors().filter(|(spec, _)| spec.name.starts_with(prefix));
+        let weights = |is_read: fn(&str) -> bool| -> Vec<&[f32]> {
+            let tensors = policy.tensors().filter(|(spec, _)| is_read(&spec.name));
             tensors.map(|(_, tensor)| tensor.values()).collect()
         };
-        let (actor, predictor) = (weights("actors.0."), weights("predictors."));
+        let decision = weights(|name| name.starts_with("actors.0.") && !is_prepared(name));
+        let predict = weights(|name| {
+            name.starts_with("predictors.") || name.starts_with("actors.0.") && is_prepared(name)
+        });
         let read = |weights: &[&[f32]]| {
             let began = now_ns();
             weights.iter().for_each(|values| _ = black_box(kernels::sum(values)));
             now_ns() - began
         };
         repeat(longest, |counts| {
-            let (actor, predictor) = (read(&actor), read(&predictor));
+            let (decision, predict) = (read(&decision), read(&predict));
             if counts {
-                self.stream_actor.record(actor);
-                self.stream_predictor.record(predictor);
+                self.stream_decision.record(decision);
+                self.stream_predict.record(predict);
             }
             Ok(())
         })
@@ -211,4 +221,9 @@ impl Measured {
 /// Numbers in [-1, 1] without a pattern that matters.
 fn numbers(len: usize) -> Vec<f32> {
     (0..len).map(|at| (at as f32 * 0.37).sin()).collect()
+}
+
+/// Whether the weights of this name are applied to the state of an actor after a decision, for the next one.
+fn is_prepared(name: &str) -> bool {
+    ["gru.weight_hh", "gru.bias_hh"].iter().any(|end| name.ends_with(end))
 }

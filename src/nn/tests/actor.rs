@@ -10,10 +10,10 @@ const KINDS: [(ActorKind, Sharing); 4] = [
 
 /// The logits of `steps` steps, one after the other.
 fn run(actor: &Actor, rows: usize, inputs: &[Vec<f32>], n_actions: usize) -> Vec<Vec<f32>> {
-    let (mut hidden, mut scratch) = (vec![0.0; rows * actor.state_len()], Scratch::default());
+    let (mut state, mut scratch) = (actor.state(rows), Scratch::default());
     let step = |inputs: &Vec<f32>| {
         let mut logits = vec![0.0; rows * n_actions];
-        actor.forward(rows, inputs, &mut hidden, &mut scratch, &mut logits);
+        actor.forward(rows, inputs, &mut state, &mut scratch, &mut logits);
         logits
     };
     inputs.iter().map(step).collect()
@@ -73,5 +73,28 @@ fn a_nan_in_the_input_reaches_the_logits() {
         inputs[2] = f32::NAN;
         let logits = run(policy.actor(0), 1, &[inputs], 5);
         assert!(logits[0].iter().all(|logit| logit.is_nan()), "{actor:?}, {sharing:?}");
+    }
+}
+
+#[test]
+fn what_is_prepared_changes_no_bit_and_not_the_next_episode() {
+    let dims = Dims { task: "toy".to_string(), n_agents: 2, joint: 9, predicted: 9, n_actions: 5 };
+    for (kind, sharing) in KINDS {
+        let networks = Networks { sharing, ..Networks::paper(kind) };
+        let policy = Policy::untrained(&dims, 3, networks).unwrap();
+        let inputs: Vec<_> = (0..6).map(|step| numbers(step, 2 * dims.joint)).collect();
+        let actor = policy.actor(1);
+        let expected = run(actor, 2, &inputs, dims.n_actions);
+        let (mut state, mut scratch) = (actor.state(7), Scratch::default());
+        for episode in 0..3 {
+            state.start(actor, 2);
+            for (step, (inputs, expected)) in inputs.iter().zip(&expected).enumerate() {
+                let mut logits = vec![0.0; 2 * dims.n_actions];
+                actor.forward(2, inputs, &mut state, &mut scratch, &mut logits);
+                assert_eq!(&logits, expected, "{kind}, {sharing}");
+                // Never, always, or now and then; twice is as good as once.
+                (0..episode * step % 3).for_each(|_| actor.prepare(2, &mut state));
+            }
+        }
     }
 }

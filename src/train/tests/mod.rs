@@ -128,11 +128,11 @@ fn learner_and_agents_compute_the_same_bits() {
             let learned = network.forward(weights, batch.steps + 1, batch.episodes, &x);
 
             let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
-            let mut hidden = vec![0.0; batch.episodes * actor.state_len()];
+            let mut state = actor.state(batch.episodes);
             let mut logits = vec![0.0; batch.episodes * dims().n_actions];
             let steps = batch.joint.chunks_exact(batch.episodes * dims().joint);
             for (inputs, learned) in steps.zip(learned.chunks_exact(logits.len())) {
-                actor.forward(batch.episodes, inputs, &mut hidden, &mut scratch, &mut logits);
+                actor.forward(batch.episodes, inputs, &mut state, &mut scratch, &mut logits);
                 let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
                 assert_eq!(bits(&logits), bits(learned), "{kind}, {sharing}, agent {agent}");
             }
