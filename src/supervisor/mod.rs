@@ -157,11 +157,13 @@ impl Decisions {
     /// In lockstep, a team in which somebody was late, however that came about, would give another result than the
     /// same team undisturbed.
     fn check_nobody_late(&self, tick: &Tick) -> Result<()> {
-        let rows = tick.rows.iter().zip(&self.used).enumerate();
-        for (row, late) in rows.map(|(row, (up, used))| (row, up & !used)).filter(|(_, late)| *late != 0) {
-            let (late, agent) = (late.trailing_zeros(), row / tick.worlds);
-            return Err(failed!("agent-{late} was too late for agent-{agent}; ending the swarm"));
+        let late = |row: usize| tick.rows[row] & !self.used[row];
+        match (0..tick.rows.len()).find(|row| late(*row) != 0) {
+            None => Ok(()),
+            Some(row) => {
+                let (late, agent) = (late(row).trailing_zeros(), row / tick.worlds);
+                Err(failed!("agent-{late} was too late for agent-{agent}; ending the swarm"))
+            }
         }
-        Ok(())
     }
 }
