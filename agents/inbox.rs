@@ -53,13 +53,17 @@ impl<S: Sample> Mailbox<S> {
 
     /// Applies the losses of `row` to the observations of this tick in one world.
     ///
-    /// A peer's observation that is not in yet is lost as well: what is late stays outside.
+    /// A peer's observation that is not in yet is lost as well, and so is one that was sent after the deadline, should
+    /// this agent be later still: what is late stays outside.
     pub fn deliver(&self, world: usize, row: u64, tick: u64) -> Inbox<'_> {
         Inbox::of(self.newest.len(), |sender| {
             if row >> sender & 1 == 0 {
                 return None;
             }
-            let sample = self.newest[sender].as_ref().filter(|sample| sample.header().tick == tick)?;
+            let in_time = |header: &Header| {
+                header.tick == tick && (header.deadline_ns == 0 || header.sent_ns <= header.deadline_ns)
+            };
+            let sample = self.newest[sender].as_ref().filter(|sample| in_time(sample.header()))?;
             let words = sample.words().chunks_exact(self.observation).nth(world)?;
             Some(Received { tick, observation: bytemuck::cast_slice(words) })
         })
@@ -111,6 +115,17 @@ mod tests {
         let inbox = mailbox.deliver(1, 0b011, 7);
         assert_eq!(inbox.from(1), Some(Received { tick: 7, observation: &[3.0, 4.0] }));
         assert_eq!(inbox.from(2), None);
+    }
+
+    #[test]
+    fn what_was_sent_after_the_deadline_stays_outside_even_if_it_is_in() {
+        let mut mailbox = Mailbox::new(3, 1, 2);
+        for (sender, sent_ns) in [(1, 500), (2, 501)] {
+            let header = *observation(sender, 7, &[1.0, 2.0]).header();
+            mailbox.accept(LocalSample::new(Header { sent_ns, deadline_ns: 500, ..header }, |_| {}));
+        }
+        let inbox = mailbox.deliver(0, 0b111, 7);
+        assert!(inbox.from(1).is_some() && inbox.from(2).is_none());
     }
 
     #[test]

@@ -43,7 +43,9 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     // What `top` and `ps` show; not worth an error.
     let name = std::ffi::CString::new(format!("vs-agent-{}", process.agent)).expect("no NUL in it");
     let _ = rustix::thread::set_name(&name);
-    wake_on_time();
+    if process.address.real_time {
+        wake_on_time();
+    }
     let ProcessSettings { address, agent, incarnation, wait, scheduling, settings, .. } = process;
     let agent = Agent::new(settings, *agent)?;
     let layout = settings.layout()?;
@@ -57,7 +59,8 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
         member.publish()?;
         match member.deadline_ns() {
             None => in_lockstep(&mut member, *wait)?,
-            Some(deadline_ns) => in_real_time(&mut member, *wait, deadline_ns)?,
+            Some(_) if !in_real_time(&mut member, *wait)? => return Ok(()),
+            Some(_) => {}
         }
         member.predict();
     }
@@ -73,11 +76,21 @@ fn in_lockstep(member: &mut SharedMember, wait: Wait) -> Result<()> {
     wake(member, wait)
 }
 
-/// Decides at the deadline, with the observations that are in. The supervisor looks at its own time.
-fn in_real_time(member: &mut SharedMember, wait: Wait, deadline_ns: u64) -> Result<()> {
-    while !wait_for_moment(wait, deadline_ns) {}
+/// Decides at the deadline, with the observations that are in; the supervisor looks at its own time. False if the agent
+/// shall leave, which it may be told in a long period.
+fn in_real_time(member: &mut SharedMember, wait: Wait) -> Result<bool> {
+    while let Some(deadline_ns) = member.deadline_ns()
+        && !wait_for_moment(wait, deadline_ns)
+    {
+        match member.sense()? {
+            Sensed::Nothing => {}
+            Sensed::Tick => member.publish()?,
+            Sensed::Shutdown => return Ok(false),
+        }
+    }
     member.collect()?;
-    member.decide()
+    member.decide()?;
+    Ok(true)
 }
 
 type SharedMember = Member<AgentSharedPort>;

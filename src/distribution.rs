@@ -60,11 +60,12 @@ impl Distribution {
         steps.filter(|(_, share)| *share > 0.0)
     }
 
-    /// Its quantiles and the longest.
+    /// Its quantiles and the longest; nulls if there is nothing.
     pub fn times_json(&self) -> Map<String, Value> {
         let quantiles = QUANTILES.map(|(name, quantile)| (format!("{name}_us"), self.quantile_us(quantile)));
         let times = quantiles.into_iter().chain([("max_us".to_owned(), self.quantile_us(1.0))]);
-        times.map(|(name, us)| (name, json!(us))).collect()
+        // Nothing took no time.
+        times.map(|(name, us)| (name, json!((self.count() > 0).then_some(us)))).collect()
     }
 
     /// The same, the count and the overruns.

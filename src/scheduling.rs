@@ -173,7 +173,8 @@ fn lock_memory() -> io::Result<()> {
     setrlimit(Resource::Memlock, Rlimit { current, maximum: limit.maximum })?;
     let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE);
     if locked.is_err() || current.is_some() {
-        setrlimit(Resource::Memlock, limit)?;
+        // Should the old limit be refused, what is locked stays locked.
+        let _ = setrlimit(Resource::Memlock, limit);
     }
     locked
 }

@@ -98,14 +98,14 @@ fn shared_memory() -> Finding {
     let layout = Task::parse("spread-xy-4").and_then(|task| AgentSettings::for_task(&task).layout());
     let (free, total, needed) = match (shared_memory_free(), layout) {
         (Ok((free, total)), Ok(layout)) => {
-            let address = SwarmAddress { agents: 4, worlds: 10, ..SwarmAddress::of("") };
+            let address = SwarmAddress { agents: 4, worlds: 10, real_time: true, ..SwarmAddress::of("") };
             (free, total, shared_memory_needed(&address, &layout))
         }
         (Err(e), _) | (_, Err(e)) => return Finding::bad(e.to_string()),
     };
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     let words = format!(
-        "/dev/shm has {:.1} MiB free of {:.1} MiB; 4 agents with 10 worlds take up to {:.1} MiB",
+        "/dev/shm has {:.1} MiB free of {:.1} MiB; 4 agents with 10 worlds take, in real time, up to {:.1} MiB",
         mib(free),
         mib(total),
         mib(needed)

@@ -209,7 +209,7 @@ fn probability(text: &str) -> std::result::Result<f64, String> {
 /// Reads `--rate`: ticks a second.
 fn rate(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(hz) if (0.1..=100_000.0).contains(&hz) => Ok(hz),
-        _ => Err("expected ticks a second from 0.1 to 100000, such as 100".to_owned()),
+        Ok(hz) if (0.01..=100_000.0).contains(&hz) => Ok(hz),
+        _ => Err("expected ticks a second from 0.01 to 100000, such as 100".to_owned()),
     }
 }

@@ -88,7 +88,7 @@ pub struct Spawn {
     wait: Wait,
 
     /// Ticks a second: run against the clock instead of in lockstep. Agents decide at half of each period, with what
-    /// has arrived; what is late is lost, and who is late repeats its last action
+    /// has arrived: what is late is lost. Who has not decided at its end repeats its last action
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true,
         conflicts_with_all = ["in_process", "record"], help_heading = REAL_TIME)]
     rate: Option<f64>,
@@ -208,7 +208,9 @@ impl Spawn {
         }
         let bar = progress_bar(self.episodes);
         let played = session.play(team, self.episodes, |statistics| {
-            bar.set_message(progress_words(statistics));
+            if !bar.is_hidden() {
+                bar.set_message(progress_words(statistics));
+            }
             bar.set_position(statistics.episodes().len() as u64);
         });
         bar.finish_and_clear();

@@ -145,14 +145,16 @@ impl Summary<'_> {
             "delivery_rate": statistics.delivery_rate(),
             "imputation_rmse": statistics.imputation_rmse(),
             "ticks": statistics.ticks(),
-            "tick_p50_us": tick_us(statistics, 0.5),
-            "tick_p99_us": tick_us(statistics, 0.99),
+            // By the clock a tick is a period.
+            "tick_p50_us": punctuality.is_none().then(|| tick_us(statistics, 0.5)),
+            "tick_p99_us": punctuality.is_none().then(|| tick_us(statistics, 0.99)),
             "elapsed_s": statistics.elapsed().as_secs_f64(),
             "audit": audit,
             "real_time": punctuality.map(|punctuality| json!({
                 "rate": punctuality.rate,
                 "achieved_rate": punctuality.achieved_rate(),
                 "skipped_periods": punctuality.skipped,
+                "dropped_rate": statistics.dropped_rate(),
                 "late_rate": statistics.late_rate(),
                 "missed_decisions": statistics.missed_of_due().0,
                 "missed_rate": statistics.missed_rate(),
@@ -167,13 +169,17 @@ impl Summary<'_> {
 fn clock_lines(statistics: &Statistics, punctuality: &Punctuality) -> Vec<(&'static str, String)> {
     let ((missed, due), missed_rate) = (statistics.missed_of_due(), statistics.missed_rate());
     let Punctuality { rate, skipped, begins, acts, .. } = punctuality;
-    let losses = statistics.delivery_rate().zip(statistics.late_rate()).map(|(delivered, late)| {
-        let dropped = 1.0 - delivered - late;
+    let losses = statistics.dropped_rate().zip(statistics.late_rate()).map(|(dropped, late)| {
         ("lost", format!("{:.2} % dropped by the links, {:.2} % late", 100.0 * dropped, 100.0 * late))
     });
-    let overran = format!("{missed} of {due} decisions overran ({:.2} %)", 100.0 * missed_rate);
     let clock = [
-        ("missed", format!("{overran}; their agents' last actions were repeated")),
+        (
+            "missed",
+            format!(
+                "{missed} of {due} decisions ({:.2} %); the last actions were repeated",
+                100.0 * missed_rate
+            ),
+        ),
         (
             "rate",
             format!(
@@ -195,6 +201,9 @@ fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
 
 /// Quantiles, for people.
 fn times(of: &Distribution) -> String {
+    if of.count() == 0 {
+        return "nothing: none was in time".to_owned();
+    }
     let [p50, p99, max] = [0.5, 0.99, 1.0].map(|quantile| of.quantile_us(quantile));
     format!("p50 {p50:.0} us, p99 {p99:.0} us, max {max:.0} us")
 }

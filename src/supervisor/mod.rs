@@ -1,6 +1,6 @@
 //! The supervisor: owns the worlds, the clock and the seeds, and the agents' processes.
 //!
-//! [`Session`] plays episodes in lockstep with a [`Team`]: agents that run as processes of their own
+//! [`Session`] plays episodes with a [`Team`], in lockstep or by the clock: agents that run as processes of their own
 //! ([`Processes`]) or within this one ([`InProcess`]).
 
 mod audit;

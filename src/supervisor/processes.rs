@@ -134,7 +134,9 @@ impl Processes {
             swarm.agents.push(ChildProcess::start(&name, "agent", &process, [nothing(), nothing()])?);
         }
         swarm.await_all("get ready", READY_DEADLINE, Processes::take_ready)?;
-        wake_on_time();
+        if swarm.clock.is_some() {
+            wake_on_time();
+        }
         // Counted before this process is pinned, which it is last, since the agents would inherit it.
         let cores = allowed_cores().len();
         let granted = [&[scheduling.apply(0)], swarm.granted.as_slice()].concat();
@@ -167,27 +169,35 @@ impl Processes {
         self.send_sensors(tick, 0)?;
         self.await_all("publish an observation", ANSWER_DEADLINE, |swarm| swarm.take_observations(tick))?;
         self.wake_agents()?;
-        self.await_all("decide", ANSWER_DEADLINE, |swarm| swarm.take_decisions(tick, decisions))?;
+        self.await_all("decide", ANSWER_DEADLINE, |swarm| swarm.take_decisions(tick, decisions, u64::MAX))?;
         decisions.check_nobody_late(tick)
     }
 
     /// Nobody waits for anybody: agents decide at the deadline, and when the period ends what has been decided is done.
     fn tick_in_real_time(&mut self, tick: &Tick, decisions: &mut Decisions, period: Period) -> Result<()> {
+        self.wait_for_moment(period.begins_ns)?;
         self.send_sensors(tick, period.deadline_ns)?;
-        while !wait_for_moment(self.wait, period.ends_ns) {
-            signals::check_stop()?;
-            self.check_agents()?;
-        }
+        self.wait_for_moment(period.ends_ns)?;
         if tick.step == 0 {
             decisions.actions.fill(0);
         }
         self.take_observations(tick)?;
+        // What is counted are decisions.
         self.answered = 0;
-        self.take_decisions(tick, decisions)?;
+        self.take_decisions(tick, decisions, period.ends_ns)?;
         decisions.missing = self.everybody() & !self.answered;
         let clock = self.clock.as_mut().expect("a swarm in real time has a clock");
         for agent in decisions.present(self.agents.len()) {
             clock.punctuality.acts.record(self.times[agent].decided_ns.saturating_sub(period.deadline_ns));
+        }
+        Ok(())
+    }
+
+    /// Waits for a moment of the clock, and for nobody.
+    fn wait_for_moment(&mut self, moment_ns: u64) -> Result<()> {
+        while !wait_for_moment(self.wait, moment_ns) {
+            signals::check_stop()?;
+            self.check_agents()?;
         }
         self.check_agents()
     }
@@ -273,9 +283,13 @@ impl Processes {
         Ok(())
     }
 
-    fn take_decisions(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
+    /// Takes the decisions that are in, but for those sent after the end, nanoseconds of the monotonic clock.
+    fn take_decisions(&mut self, tick: &Tick, decisions: &mut Decisions, ends_ns: u64) -> Result<()> {
         let words = self.layout.decision_words(tick.worlds);
         while let Some(sample) = self.port.receive_decision()? {
+            if sample.header().sent_ns > ends_ns {
+                continue;
+            }
             if let Some(agent) = self.mark(&sample, Kind::Decision, tick.tick, words) {
                 let decision = self.layout.decision(sample.words(), tick.worlds);
                 let times = &mut self.times[agent];

@@ -7,9 +7,10 @@ use crate::distribution::Distribution;
 pub struct Punctuality {
     /// Periods a second that were asked for.
     pub rate: f64,
-    /// Periods left out because they were over before they could begin: the supervisor was late.
+    /// Periods left out because their deadlines passed before they could begin: the supervisor was late. The worlds
+    /// stand still in them.
     pub skipped: u64,
-    /// How late the supervisor began, after the beginning of the period.
+    /// How late the supervisor was for the next period, which it left out if that was more than half of one.
     pub begins: Distribution,
     /// When the agents' actions were out, after the deadline of the observations; only of those in time.
     pub acts: Distribution,
@@ -23,11 +24,21 @@ impl Punctuality {
         Punctuality { rate, skipped: 0, begins, acts, span_ns: None }
     }
 
-    /// Notes a period that began `now`, in nanoseconds of the monotonic clock.
-    pub(super) fn begun(&mut self, begins_ns: u64, now: u64, ends_ns: u64) {
-        self.begins.record(now.saturating_sub(begins_ns));
+    /// Notes by how many nanoseconds the supervisor was late for a period, and how many periods it left out for that.
+    pub(super) fn late(&mut self, late_ns: u64, skipped: u64) {
+        self.begins.record(late_ns);
+        self.skipped += skipped;
+    }
+
+    /// Notes the period that is played next, in nanoseconds of the monotonic clock.
+    pub(super) fn played(&mut self, begins_ns: u64, ends_ns: u64) {
         let (first, _) = self.span_ns.unwrap_or((begins_ns, ends_ns));
         self.span_ns = Some((first, ends_ns));
+    }
+
+    /// The share of periods that were left out; NaN before the first.
+    pub fn skipped_rate(&self) -> f64 {
+        self.skipped as f64 / (self.skipped + self.begins.count()) as f64
     }
 
     /// Periods a second that were played; NaN before the first.
@@ -45,11 +56,12 @@ mod tests {
     fn the_rate_is_that_of_the_periods_played() {
         let mut punctuality = Punctuality::new(1000.0);
         assert!(punctuality.achieved_rate().is_nan());
-        punctuality.begun(5_000_000, 5_000_100, 6_000_000);
+        punctuality.late(100, 0);
+        punctuality.played(5_000_000, 6_000_000);
         assert_eq!(punctuality.achieved_rate(), 1000.0);
-        // Two periods are left out.
-        punctuality.begun(8_000_000, 8_000_000, 9_000_000);
+        punctuality.late(2_000_000, 2);
+        punctuality.played(8_000_000, 9_000_000);
         assert_eq!(punctuality.achieved_rate(), 500.0);
-        assert_eq!(punctuality.begins.quantile_us(1.0), 0.1);
+        assert_eq!((punctuality.begins.quantile_us(0.5), punctuality.skipped_rate()), (0.1, 0.5));
     }
 }

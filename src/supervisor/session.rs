@@ -1,4 +1,4 @@
-//! Playing episodes in lockstep: the phases of a tick by name.
+//! Playing episodes: the phases of a tick by name.
 
 use std::time::Instant;
 

@@ -12,14 +12,14 @@ pub struct EpisodeStatistics {
     pub episode_return: f64,
     /// Observations delivered, over i != j and t >= 1.
     pub delivered: u64,
-    /// Observations sent, over i != j and t >= 1, to agents that decided in time.
+    /// Observations sent, over i != j and t >= 1, to agents that decided in time: all of them in lockstep.
     pub sent: u64,
     /// Observations whose links were up and that were not used all the same, over i != j and t >= 1. There are none in
     /// lockstep.
     pub late: u64,
     /// Decisions that were due.
     pub due: u64,
-    /// Decisions that were not made in time: their agents overran the period. There are none in lockstep.
+    /// Decisions that were not made in time. There are none in lockstep.
     pub missed: u64,
     /// Sum of the squared errors of all imputed values.
     pub squared_error: f64,
@@ -80,6 +80,12 @@ impl Statistics {
     pub fn delivery_rate(&self) -> Option<f64> {
         let EpisodeStatistics { delivered, sent, .. } = self.total;
         (sent > 0).then(|| delivered as f64 / sent as f64)
+    }
+
+    /// Share of observations that the links dropped, over i != j and t >= 1; `None` for a team of one.
+    pub fn dropped_rate(&self) -> Option<f64> {
+        let EpisodeStatistics { delivered, late, sent, .. } = self.total;
+        (sent > 0).then(|| (sent - delivered - late) as f64 / sent as f64)
     }
 
     /// Share of observations that were late, over i != j and t >= 1; `None` for a team of one.

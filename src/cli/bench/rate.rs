@@ -29,8 +29,10 @@ Examples:
 The built-in policies play the same episodes with the same links in lockstep and at each rate.
 Lost: what a team's return falls short of its return in lockstep, mean over the episodes with its
 95 % interval. Late: observations whose links were up and that had not arrived at the deadline, of
-all that were sent. Missed: decisions that had not arrived at the end of the period, of all; the
-last action was repeated. Acts: how long after the deadline an action was out, of those in time.")]
+all that were sent to agents that decided in time. Missed: decisions that were not out at the end of
+the period, of all; the last action was repeated. Left out: periods whose deadlines passed before
+they could begin, of all; the worlds stand still, so what is reached falls short of the rate asked
+for. Acts: how long after the deadline an action was out, of those in time.")]
 pub struct BenchRate {
     /// Tasks, by id or alias
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "hear-see,spread-xy-4")]
@@ -40,7 +42,7 @@ pub struct BenchRate {
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "1,0.2", value_parser = probability)]
     p: Vec<f64>,
 
-    /// Ticks a second
+    /// Ticks a second that are asked for
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "100,300,1000,2000,3000,5000,10000,20000",
         value_parser = rate)]
     rates: Vec<f64>,
@@ -66,7 +68,7 @@ struct Measured {
     task: Task,
     p: f64,
     lockstep: Statistics,
-    /// In the order of their rates.
+    /// In the order of the rates that were reached.
     at_rates: Vec<(Statistics, Punctuality)>,
 }
 
@@ -88,7 +90,7 @@ impl BenchRate {
         let cases = measured.iter().map(Measured::json).collect::<Vec<Value>>();
         let result = json!({ "episodes": self.episodes, "wait": self.wait, "cases": cases });
         self.output.print(result, || {
-            const HEADER: [&str; 11] = [
+            const HEADER: [&str; 12] = [
                 "task",
                 "p",
                 "Hz",
@@ -99,6 +101,7 @@ impl BenchRate {
                 "+-",
                 "late %",
                 "missed %",
+                "left out %",
                 "acts p50, p99 us",
             ];
             table(&HEADER, measured.iter().flat_map(Measured::rows))
@@ -111,7 +114,8 @@ impl BenchRate {
         let settings = AgentSettings { imputer: ImputerName::choose(None, &policy)?, ..settings };
         let lockstep = self.play(task, p, &mut InProcess::new(&settings, &policy)?)?;
         let at_rate = |rate: &f64| self.play_at(*rate, task, p, &settings, &policy);
-        let at_rates = self.rates.iter().map(at_rate).collect::<Result<_>>()?;
+        let mut at_rates = self.rates.iter().map(at_rate).collect::<Result<Vec<_>>>()?;
+        at_rates.sort_by(|(_, a), (_, b)| a.achieved_rate().total_cmp(&b.achieved_rate()));
         Ok(Measured { task: task.clone(), p, lockstep, at_rates })
     }
 
@@ -153,12 +157,13 @@ impl Measured {
             json!({
                 "rate": punctuality.rate,
                 "achieved_rate": punctuality.achieved_rate(),
-                "skipped_periods": punctuality.skipped,
+                "skipped_rate": punctuality.skipped_rate(),
                 "return_mean": statistics.return_mean(),
                 "return_ci95": statistics.return_ci95(),
                 "lost_mean": lost,
                 "lost_ci95": lost_ci95,
                 "delivery_rate": statistics.delivery_rate(),
+                "dropped_rate": statistics.dropped_rate(),
                 "late_rate": statistics.late_rate(),
                 "missed_rate": statistics.missed_rate(),
                 "begins_late": punctuality.begins.times_json(),
@@ -188,14 +193,16 @@ impl Measured {
             [&case[..], &["lockstep".to_owned(), String::new()], &returned(&self.lockstep)].concat();
         let at_rates = self.at_rates.iter().map(|(statistics, punctuality)| {
             let (lost, lost_ci95) = self.lost(statistics);
-            let clock = [punctuality.rate.to_string(), format!("{:.0}", punctuality.achieved_rate())];
+            let clock = [punctuality.rate.to_string(), format!("{:.1}", punctuality.achieved_rate())];
             let [p50, p99] = [0.5, 0.99].map(|quantile| punctuality.acts.quantile_us(quantile));
+            let percent = |share: f64| format!("{:.2}", 100.0 * share);
             let rest = [
                 format!("{lost:.1}"),
                 format!("{lost_ci95:.1}"),
-                format!("{:.2}", 100.0 * statistics.late_rate().unwrap_or_default()),
-                format!("{:.2}", 100.0 * statistics.missed_rate()),
-                format!("{p50:.0}, {p99:.0}"),
+                statistics.late_rate().map(percent).unwrap_or_default(),
+                percent(statistics.missed_rate()),
+                percent(punctuality.skipped_rate()),
+                if punctuality.acts.count() > 0 { format!("{p50:.0}, {p99:.0}") } else { String::new() },
             ];
             [&case[..], &clock, &returned(statistics), &rest].concat()
         });
@@ -211,24 +218,24 @@ impl Measured {
     }
 
     fn late_percent(&self) -> Vec<Series> {
-        vec![self.series("", |statistics| (100.0 * statistics.late_rate().unwrap_or_default(), None))]
+        vec![self.series("", |statistics| (100.0 * statistics.late_rate().unwrap_or(f64::NAN), None))]
     }
 
     fn missed_percent(&self) -> Vec<Series> {
         vec![self.series("", |statistics| (100.0 * statistics.missed_rate(), None))]
     }
 
-    /// A value and half its 95 % interval against the rate.
+    /// A value, NaN if there is none, and half its 95 % interval against the rate that was reached.
     fn series(&self, of: &str, value: impl Fn(&Statistics) -> (f64, Option<f64>)) -> Series {
         let points = self.at_rates.iter().map(|(statistics, punctuality)| {
             let (y, ci95) = value(statistics);
-            Point { x: punctuality.rate, y, band: ci95.map(|ci95| (y - ci95, y + ci95)) }
+            Point { x: punctuality.achieved_rate(), y, band: ci95.map(|ci95| (y - ci95, y + ci95)) }
         });
         Series { name: format!("p = {}{of}", self.p), points: points.collect() }
     }
 }
 
-/// Returns, what is late and what is missed, against the rate: a column for each task.
+/// Returns, what is late and what is missed, against the rate that was reached: a column for each task.
 fn figure(tasks: &[Task], measured: &[Measured]) -> Figure {
     type What = fn(&Measured) -> Vec<Series>;
     let rows: [(&str, What); 3] = [
@@ -239,7 +246,7 @@ fn figure(tasks: &[Task], measured: &[Measured]) -> Figure {
     let panels = rows.iter().flat_map(|(what, series)| {
         tasks.iter().map(move |task| Panel {
             title: task.id().to_owned(),
-            x_label: "Hz".to_owned(),
+            x_label: "ticks/s reached".to_owned(),
             // Returns of different tasks have nothing in common.
             y_label: if *what == "return" { format!("return, {}", task.id()) } else { (*what).to_owned() },
             series: measured
