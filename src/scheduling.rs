@@ -112,12 +112,12 @@ impl Grants {
                 (n, format!("pinned {n} of {processes} processes{cores}"), way_out.to_owned())
             }),
             memory_locked.map(|n| {
-                let way_out = "CAP_IPC_LOCK or `ulimit -l unlimited`";
-                (n, format!("memory locked in {n} of {processes}"), way_out.to_owned())
+                let way_out = "CAP_IPC_LOCK, or `ulimit -l unlimited` where limits.conf or the service manager allows it";
+                (n, format!("memory locked in {n} of {processes} processes"), way_out.to_owned())
             }),
             fifo.map(|n| {
-                let way_out = format!("CAP_SYS_NICE or `ulimit -r {priority}`");
-                (n, format!("SCHED_FIFO {priority} in {n} of {processes}"), way_out)
+                let way_out = format!("CAP_SYS_NICE, or `ulimit -r {priority}` where limits.conf or the service manager allows it");
+                (n, format!("SCHED_FIFO {priority} in {n} of {processes} processes"), way_out)
             }),
         ];
         asked.into_iter().flatten().map(move |(granted, words, needed)| match granted < processes {
@@ -227,12 +227,12 @@ mod tests {
         let asked = Scheduling { pin: true, lock_memory: true, fifo: Some(20) };
         let all = Granted { pinned: true, memory_locked: true, fifo: true };
         let grants = Grants::count(&asked, 2, &[all; 3]).unwrap();
-        let text = "pinned 3 of 3 processes to 2 cores; memory locked in 3 of 3; SCHED_FIFO 20 in 3 of 3";
+        let text = "pinned 3 of 3 processes to 2 cores; memory locked in 3 of 3 processes; SCHED_FIFO 20 in 3 of 3 processes";
         assert_eq!((grants.to_string().as_str(), grants.refused()), (text, None));
         let without_fifo = Granted { fifo: false, ..all };
         let grants = Grants::count(&asked, 2, &[all, without_fifo, without_fifo]).unwrap();
         let refused = grants.refused().unwrap();
-        assert!(refused.starts_with("SCHED_FIFO 20 in 1 of 3 (not permitted"), "{refused}");
+        assert!(refused.starts_with("SCHED_FIFO 20 in 1 of 3 processes (not permitted"), "{refused}");
         assert!(refused.contains("CAP_SYS_NICE") && refused.contains("ulimit -r 20"), "{refused}");
         assert!(grants.to_string().ends_with(&refused), "{grants}");
         let asked = Scheduling { lock_memory: true, ..Scheduling::default() };

@@ -17,6 +17,7 @@ use crate::recording::{Header, Recorder};
 use crate::rng::MAX_AGENTS;
 use crate::scheduling::{Grants, Scheduling};
 use crate::supervisor::{Audit, Conduct, InProcess, Processes, Session, Statistics, Team, signals};
+use crate::threads::cores;
 use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
 
@@ -88,7 +89,8 @@ pub struct Spawn {
     wait: Wait,
 
     /// Ticks a second: run against the clock instead of in lockstep. Agents decide at half of each period, with what
-    /// has arrived: what is late is lost. Who has not decided at its end repeats its last action
+    /// has arrived: what is late is lost. Who has not decided at its end repeats its last
+    /// action. Not with --in-process or --record
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true,
         conflicts_with_all = ["in_process", "record"], help_heading = REAL_TIME)]
     rate: Option<f64>,
@@ -164,6 +166,13 @@ impl Spawn {
             let conduct = Conduct { wait: self.wait, rate: self.rate, scheduling };
             let mut team = Processes::start(&settings, &policy, conduct)?;
             summary.scheduling = team.grants().cloned();
+            if self.wait == Wait::Spin && task.n_agents() >= cores() {
+                tell(&format!(
+                    "note: {} processes spin on {} cores and take turns; --wait block may be faster",
+                    task.n_agents() + 1,
+                    cores()
+                ));
+            }
             if let Some(refused) = team.grants().and_then(Grants::refused) {
                 tell(&format!("note: {refused}"));
             }

@@ -10,7 +10,7 @@ use crate::nn::Meta;
 use crate::scheduling::Grants;
 use crate::supervisor::{Audit, Punctuality, Statistics};
 use crate::table::thousands;
-use crate::world::Task;
+use crate::world::{EPISODE_STEPS, Task};
 
 /// What was asked for. With what came of it, it makes a summary.
 pub(super) struct Summary<'a> {
@@ -51,8 +51,15 @@ impl Summary<'_> {
             self.link_words(),
             if self.comm_at_t0 { "" } else { " also at t = 0" },
             counted(self.episodes, "episode"),
-            self.rate.map(|rate| format!(", at {rate} Hz")).unwrap_or_default()
+            self.rate.map(|rate| self.clock_words(rate)).unwrap_or_default()
         )
+    }
+
+    /// Says how long it will take, if all goes well.
+    fn clock_words(&self, rate: f64) -> String {
+        let batches = self.episodes.div_ceil(self.settings.worlds as u64);
+        let seconds = batches as f64 * EPISODE_STEPS as f64 / rate;
+        format!(", at {rate} Hz: {seconds:.1} s")
     }
 
     fn link_words(&self) -> String {
@@ -81,7 +88,9 @@ impl Summary<'_> {
             ("return", returned),
         ];
         if let Some(rate) = statistics.delivery_rate() {
-            lines.push(("delivered", format!("{:.2} % of the observations sent at t >= 1", 100.0 * rate)));
+            let to = if punctuality.is_some() { " to agents that decided in time" } else { "" };
+            lines
+                .push(("delivered", format!("{:.2} % of the observations sent at t >= 1{to}", 100.0 * rate)));
             let error = statistics.imputation_rmse();
             let error = error.map_or("nothing was imputed".to_owned(), |rmse| format!("{rmse:.4} RMSE"));
             lines.push(("imputation", error));
@@ -158,6 +167,7 @@ impl Summary<'_> {
                 "late_rate": statistics.late_rate(),
                 "missed_decisions": statistics.missed_of_due().0,
                 "missed_rate": statistics.missed_rate(),
+                "missed_ticks": punctuality.missed,
                 "begins_late": punctuality.begins.times_json(),
                 "acts_after_deadline": punctuality.acts.times_json(),
             })),
@@ -172,14 +182,12 @@ fn clock_lines(statistics: &Statistics, punctuality: &Punctuality) -> Vec<(&'sta
     let losses = statistics.dropped_rate().zip(statistics.late_rate()).map(|(dropped, late)| {
         ("lost", format!("{:.2} % dropped by the links, {:.2} % late", 100.0 * dropped, 100.0 * late))
     });
+    let slowest = punctuality.slowest().map(|(agent, ticks)| {
+        format!(", most by agent-{agent}, in {}; the last action was repeated", counted(ticks, "tick"))
+    });
+    let slowest = slowest.unwrap_or_default();
     let clock = [
-        (
-            "missed",
-            format!(
-                "{missed} of {due} decisions ({:.2} %); the last actions were repeated",
-                100.0 * missed_rate
-            ),
-        ),
+        ("missed", format!("{missed} of {due} decisions ({:.2} %){slowest}", 100.0 * missed_rate)),
         (
             "rate",
             format!(

@@ -26,9 +26,9 @@ pub(super) struct Period {
 }
 
 impl Clock {
-    /// A clock with so many periods a second.
-    pub(super) fn new(rate: f64) -> Clock {
-        Clock { rate, first_ns: None, next: 0, punctuality: Punctuality::new(rate) }
+    /// A clock with so many periods a second, for so many agents.
+    pub(super) fn new(rate: f64, agents: usize) -> Clock {
+        Clock { rate, first_ns: None, next: 0, punctuality: Punctuality::new(rate, agents) }
     }
 
     /// The next period whose deadline is still ahead. It may be yet to begin.
@@ -63,7 +63,7 @@ mod tests {
     #[test]
     fn lateness_does_not_add_up() {
         // A period that is no whole number of nanoseconds.
-        let mut clock = Clock::new(3e6);
+        let mut clock = Clock::new(3e6, 1);
         assert_eq!(clock.begin_period_at(FIRST).ends_ns, FIRST + 333);
         for period in 1..=3_000_000 {
             let begins = FIRST + (period as f64 / 3e-3).round() as u64;
@@ -76,7 +76,7 @@ mod tests {
 
     #[test]
     fn a_period_whose_deadline_has_passed_is_left_out() {
-        let mut clock = Clock::new(1e6);
+        let mut clock = Clock::new(1e6, 1);
         let period = |periods: u64| {
             let begins_ns = FIRST + 1000 * periods;
             Period { begins_ns, deadline_ns: begins_ns + 500, ends_ns: begins_ns + 1000 }

@@ -113,7 +113,7 @@ impl Processes {
             layout,
             policy_weights: policy.n_values(),
             wait,
-            clock: rate.map(Clock::new),
+            clock: rate.map(|rate| Clock::new(rate, team)),
             answered: 0,
             times: vec![AgentTimes::default(); team],
             granted: vec![Granted::default(); team],
@@ -187,8 +187,12 @@ impl Processes {
         self.take_decisions(tick, decisions, period.ends_ns)?;
         decisions.missing = self.everybody() & !self.answered;
         let clock = self.clock.as_mut().expect("a swarm in real time has a clock");
-        for agent in decisions.present(self.agents.len()) {
-            clock.punctuality.acts.record(self.times[agent].decided_ns.saturating_sub(period.deadline_ns));
+        let punctuality = &mut clock.punctuality;
+        for (agent, times) in self.times.iter().enumerate() {
+            match decisions.missing >> agent & 1 {
+                0 => punctuality.acts.record(times.decided_ns.saturating_sub(period.deadline_ns)),
+                _ => punctuality.missed[agent] += 1,
+            }
         }
         Ok(())
     }

@@ -14,14 +14,16 @@ pub struct Punctuality {
     pub begins: Distribution,
     /// When the agents' actions were out, after the deadline of the observations; only of those in time.
     pub acts: Distribution,
+    /// Ticks in which each agent did not decide in time.
+    pub missed: Vec<u64>,
     /// The beginning of the first period, and the end of the last.
     span_ns: Option<(u64, u64)>,
 }
 
 impl Punctuality {
-    pub(super) fn new(rate: f64) -> Punctuality {
+    pub(super) fn new(rate: f64, agents: usize) -> Punctuality {
         let (begins, acts) = (Distribution::default(), Distribution::default());
-        Punctuality { rate, skipped: 0, begins, acts, span_ns: None }
+        Punctuality { rate, skipped: 0, begins, acts, missed: vec![0; agents], span_ns: None }
     }
 
     /// Notes by how many nanoseconds the supervisor was late for a period, and how many periods it left out for that.
@@ -34,6 +36,13 @@ impl Punctuality {
     pub(super) fn played(&mut self, begins_ns: u64, ends_ns: u64) {
         let (first, _) = self.span_ns.unwrap_or((begins_ns, ends_ns));
         self.span_ns = Some((first, ends_ns));
+    }
+
+    /// The agent that missed most ticks, and how many; `None` if nobody missed any.
+    pub fn slowest(&self) -> Option<(usize, u64)> {
+        let missed = self.missed.iter().copied().enumerate();
+        // The first of several.
+        missed.rev().max_by_key(|(_, missed)| *missed).filter(|(_, missed)| *missed > 0)
     }
 
     /// The share of periods that were left out; NaN before the first.
@@ -54,7 +63,7 @@ mod tests {
 
     #[test]
     fn the_rate_is_that_of_the_periods_played() {
-        let mut punctuality = Punctuality::new(1000.0);
+        let mut punctuality = Punctuality::new(1000.0, 3);
         assert!(punctuality.achieved_rate().is_nan());
         punctuality.late(100, 0);
         punctuality.played(5_000_000, 6_000_000);
@@ -62,6 +71,9 @@ mod tests {
         punctuality.late(2_000_000, 2);
         punctuality.played(8_000_000, 9_000_000);
         assert_eq!(punctuality.achieved_rate(), 500.0);
+        assert_eq!(punctuality.slowest(), None);
+        punctuality.missed = vec![1, 4, 4];
+        assert_eq!(punctuality.slowest(), Some((1, 4)));
         assert_eq!((punctuality.begins.quantile_us(0.5), punctuality.skipped_rate()), (0.1, 0.5));
     }
 }

@@ -97,7 +97,7 @@ impl BenchRate {
                 "reached",
                 "return",
                 "+-",
-                "lost",
+                "return lost",
                 "+-",
                 "late %",
                 "missed %",
@@ -212,17 +212,21 @@ impl Measured {
     fn returns(&self) -> Vec<Series> {
         let lockstep = self.lockstep.return_mean();
         vec![
-            self.series(", lockstep", |_| (lockstep, None)),
-            self.series("", |statistics| (statistics.return_mean(), statistics.return_ci95())),
+            self.series("in lockstep", |_| (lockstep, None)),
+            self.series("by the clock", |statistics| (statistics.return_mean(), statistics.return_ci95())),
         ]
     }
 
     fn late_percent(&self) -> Vec<Series> {
-        vec![self.series("", |statistics| (100.0 * statistics.late_rate().unwrap_or(f64::NAN), None))]
+        vec![
+            self.series("by the clock", |statistics| {
+                (100.0 * statistics.late_rate().unwrap_or(f64::NAN), None)
+            }),
+        ]
     }
 
     fn missed_percent(&self) -> Vec<Series> {
-        vec![self.series("", |statistics| (100.0 * statistics.missed_rate(), None))]
+        vec![self.series("by the clock", |statistics| (100.0 * statistics.missed_rate(), None))]
     }
 
     /// A value, NaN if there is none, and half its 95 % interval against the rate that was reached.
@@ -231,7 +235,7 @@ impl Measured {
             let (y, ci95) = value(statistics);
             Point { x: punctuality.achieved_rate(), y, band: ci95.map(|ci95| (y - ci95, y + ci95)) }
         });
-        Series { name: format!("p = {}{of}", self.p), points: points.collect() }
+        Series { name: format!("p = {}, {of}", self.p), points: points.collect() }
     }
 }
 
