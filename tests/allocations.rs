@@ -1,17 +1,24 @@
 //! What runs millions of times allocates nothing: a test binary of its own, for its own allocator.
+//!
+//! Allocations are counted for each thread, so of a swarm of processes those of the supervisor. Its agents run this
+//! test binary, which the words that they are called with, `agent <settings>`, have run the test [`agent`] and no other.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::io::Write;
 use std::time::Duration;
 
-use vamaro_swarm::agents::{Agent, AgentSettings, ImputerName, Member, Sensed, dims};
+use vamaro_swarm::agents::{Agent, AgentSettings, ImputerName, Member, PolicySource, Sensed, dims, process};
 use vamaro_swarm::bus::{
-    AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory,
+    AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
 };
+use vamaro_swarm::error::Result;
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
-use vamaro_swarm::supervisor::{Decisions, InProcess, Stage, Team as _};
-use vamaro_swarm::train::{Batch, Settings, Team};
+use vamaro_swarm::supervisor::{
+    Conduct, Decisions, InProcess, Processes, Session, Stage, Team, Tick, signals,
+};
+use vamaro_swarm::train::{self, Batch, Settings};
 use vamaro_swarm::world::{EPISODE_STEPS, Task, World};
 
 thread_local! {
@@ -86,7 +93,7 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
     }
 }
 
-/// Both sides of the bus in one thread, phase by phase, with all that processes do in a tick.
+/// Both sides of the bus in one thread, phase by phase, with all that agents do in a tick.
 #[test]
 fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode() {
     for task in ["hear-see", "spread-xy-4"] {
@@ -181,6 +188,71 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
     }
 }
 
+/// Not a test: what the agents of the one below run. No test may have its name as a part of its own.
+#[test]
+fn agent() {
+    let settings = std::env::args().nth(2).and_then(|json| serde_json::from_str(&json).ok());
+    if let Some(settings) = settings
+        && let Err(error) = process::run(&settings)
+    {
+        let _ = writeln!(std::io::stderr(), "error: {error}");
+        std::process::exit(error.exit_code().into());
+    }
+}
+
+/// A team that notes how many allocations there have been when a tick of it begins and when it ends.
+struct Counted<'a> {
+    team: Processes,
+    ticks: &'a mut Vec<[usize; 2]>,
+}
+
+impl Team for Counted<'_> {
+    fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
+        let begun = ALLOCATIONS.get();
+        self.team.tick(tick, decisions)?;
+        self.ticks.push([begun, ALLOCATIONS.get()]);
+        Ok(())
+    }
+
+    fn renew(&mut self, weights: &[f32]) -> Result<()> {
+        self.team.renew(weights)
+    }
+}
+
+/// All that the supervisor of a swarm of processes does while it plays.
+#[test]
+fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
+    const EPISODES: usize = 12;
+    signals::install().unwrap();
+    for (wait, rate) in [(Wait::Block, None), (Wait::Spin, None), (Wait::Block, Some(2000.0))] {
+        let task = Task::parse("spread-xy-4").unwrap();
+        let imputer = ImputerName::Predictor("value-aware".to_owned());
+        let settings = AgentSettings {
+            imputer,
+            policy: PolicySource::Training,
+            worlds: 2,
+            ..AgentSettings::for_task(&task)
+        };
+        let policy = Policy::untrained(&dims(&task), 1, Networks::paper(ActorKind::Mlp)).unwrap();
+        let conduct = Conduct { wait, rate, ..Conduct::default() };
+        let mut ticks = Vec::with_capacity(EPISODES * EPISODE_STEPS);
+        let team = Processes::start(&settings, &policy, conduct).unwrap();
+        let links = LinkModel::new(Links::Level(0.5), 1, true);
+        let mut session = Session::new(&task, links, 1, settings.worlds).with_audit();
+        let episodes = (EPISODES * settings.worlds) as u64;
+        session.play(&mut Counted { team, ticks: &mut ticks }, episodes, |_| {}).unwrap();
+        assert_eq!(ticks.len(), EPISODES * EPISODE_STEPS);
+        for (at, pair) in ticks.windows(2).enumerate().skip(EPISODE_STEPS) {
+            let ([begun, ended], [next, _]) = (pair[0], pair[1]);
+            // iceoryx2 0.10 allocates for each sample that it loans: here the message to each agent.
+            assert_eq!(ended - begun, task.n_agents(), "{conduct:?}, tick {at}");
+            // The results of all episodes are kept, in a list that grows when they end.
+            let kept = usize::from((at + 1) % EPISODE_STEPS == 0);
+            assert!(next - ended <= kept, "{conduct:?}, after tick {at}: {}", next - ended);
+        }
+    }
+}
+
 #[test]
 fn renewing_weights_allocates_nothing_after_the_first_time() {
     for (kind, task) in [(ActorKind::Mlp, "hear-see"), (ActorKind::Gru, "spread-xy-4")] {
@@ -226,7 +298,8 @@ fn an_update_allocates_nothing_once_warm() {
         };
         let available = vec![5; n];
         let settings = Settings::paper(kind);
-        let mut team = Team::untrained(settings, &dims(&task), task.padded_obs_dim(), &available, 1, 1);
+        let mut team =
+            train::Team::untrained(settings, &dims(&task), task.padded_obs_dim(), &available, 1, 1);
         team.update(&batch, &[]);
         let counted = allocations(|| {
             std::hint::black_box(team.update(&batch, &[]));

@@ -2,9 +2,12 @@
 
 mod common;
 
+use std::time::{Duration, Instant};
+
 use common::{Swarm, fail, succeed};
-use rustix::process::Pid;
+use rustix::process::{Pid, Signal};
 use serde_json::Value;
+use vamaro_swarm::world::EPISODE_STEPS;
 
 /// A line of `/proc/PID/status`.
 fn status(process: Pid, name: &str) -> String {
@@ -30,15 +33,29 @@ fn is_locked(process: Pid) -> bool {
     status(process, "VmLck") != "0 kB"
 }
 
-/// Runs a swarm of four agents with these words, counts while it plays in how many of its processes `holds`, and takes
-/// the line of its summary and what it said on stderr.
-fn play(words: &str, holds: impl Fn(Pid) -> bool) -> (usize, String, String) {
-    let mut swarm = Swarm::start(&format!("--agents 4 --p 0.2 --episodes 300 {words}"));
+/// Runs a swarm of four agents with these words, has `look` see its processes while it plays, and ends it; its summary
+/// and what it said on stderr.
+fn play(words: &str, mut look: impl FnMut(Pid)) -> (String, String) {
+    let mut swarm = Swarm::start(&format!("--agents 4 --p 0.2 {words}"));
     assert!(swarm.first_line().contains("4 agents as processes"), "it plays");
-    let processes = swarm.agents.iter().copied().chain([swarm.supervisor()]);
-    let holding = processes.filter(|process| holds(*process)).count();
+    swarm.agents.iter().copied().chain([swarm.supervisor()]).for_each(&mut look);
+    // There is a summary after an episode. An agent sleeps twice a tick, and again only if nothing comes for long.
+    let sleeps = || status(swarm.agents[0], "voluntary_ctxt_switches").parse::<usize>().unwrap();
+    let (before, deadline) = (sleeps(), Instant::now() + Duration::from_secs(30));
+    while sleeps() < before + 4 * EPISODE_STEPS {
+        assert!(Instant::now() < deadline, "it does not play");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    swarm.signal_supervisor(Signal::TERM);
     let (code, stdout, stderr) = swarm.wait();
-    assert_eq!(code, Some(0), "{stderr}");
+    assert_eq!(code, Some(130), "{stderr}");
+    (stdout, stderr)
+}
+
+/// The same, counting the processes in which `holds`; their number, the line of the summary and what was said.
+fn count(words: &str, holds: impl Fn(Pid) -> bool) -> (usize, String, String) {
+    let mut holding = 0;
+    let (stdout, stderr) = play(words, |process| holding += usize::from(holds(process)));
     let line = stdout.lines().find(|line| line.starts_with("scheduling")).expect(&stdout);
     (holding, line.to_owned(), stderr)
 }
@@ -52,13 +69,13 @@ fn assert_said(holding: usize, said: &str, line: &str, stderr: &str) {
 
 #[test]
 fn pinned_processes_have_one_core_each() {
-    let (pinned, line, stderr) = play("--pin", is_pinned);
+    let (pinned, line, stderr) = count("--pin", is_pinned);
     assert_said(pinned, "pinned", &line, &stderr);
 }
 
 #[test]
 fn locked_memory_is_what_the_kernel_counts() {
-    let (locked, line, stderr) = play("--lock-memory", is_locked);
+    let (locked, line, stderr) = count("--lock-memory", is_locked);
     assert_said(locked, "memory locked in", &line, &stderr);
 }
 
@@ -66,22 +83,18 @@ fn locked_memory_is_what_the_kernel_counts() {
 fn real_time_processes_have_the_policy_and_its_priority() {
     const SCHED_FIFO: u32 = 1;
     for (words, priority) in [("--fifo", 10), ("--fifo 3", 3)] {
-        let (first, line, stderr) = play(words, |process| policy(process) == (SCHED_FIFO, priority));
+        let (first, line, stderr) = count(words, |process| policy(process) == (SCHED_FIFO, priority));
         assert_said(first, &format!("SCHED_FIFO {priority} in"), &line, &stderr);
     }
 }
 
 #[test]
 fn nothing_is_done_unasked() {
-    let mut swarm = Swarm::start("--agents 4 --p 0.2 --episodes 300");
-    swarm.first_line();
-    let processes: Vec<Pid> = swarm.agents.iter().copied().chain([swarm.supervisor()]).collect();
     let ours = Pid::from_raw(std::process::id() as i32).unwrap();
-    for process in processes {
+    let (stdout, stderr) = play("", |process| {
         assert_eq!(status(process, "Cpus_allowed_list"), status(ours, "Cpus_allowed_list"));
         assert_eq!((is_locked(process), policy(process)), (false, policy(ours)));
-    }
-    let (_, stdout, stderr) = swarm.wait();
+    });
     assert!(!stdout.contains("scheduling") && !stderr.contains("note"), "{stdout}{stderr}");
 }
 

@@ -1,4 +1,5 @@
-//! A tick makes no system calls but waits and notifications: processes of a swarm that plays, traced call by call.
+//! A tick makes no system calls but waits and notifications: processes of swarms that play, traced call by call from
+//! before the first tick to after the last, so that it is known how many ticks the calls are for.
 #![cfg(target_env = "gnu")]
 
 mod common;
@@ -7,31 +8,40 @@ use std::collections::BTreeMap;
 use std::io::{Error, Result};
 use std::time::{Duration, Instant};
 
-use common::Swarm;
+use common::{HeldSwarm, Swarm};
 use rustix::process::{Pid, WaitOptions, WaitStatus, waitpid};
-use serde_json::Value;
+use vamaro_swarm::world::EPISODE_STEPS;
 
-/// What notifying comes to.
-const NOTIFICATIONS: [(&str, i64); 1] = [("sendto", libc::SYS_sendto)];
+/// What notifying makes: one call for each listener, none if it has yet to look at the last one.
+const NOTIFYING: [i64; 1] = [libc::SYS_sendto];
 
-/// What waiting comes to: a listener sets how it wants to receive, for how long, and receives.
-const WAITS: [(&str, i64); 5] = [
-    ("recvfrom", libc::SYS_recvfrom),
-    ("fcntl", libc::SYS_fcntl),
-    ("setsockopt", libc::SYS_setsockopt),
-    ("sched_yield", libc::SYS_sched_yield),
-    ("clock_nanosleep", libc::SYS_clock_nanosleep),
-];
+/// What waiting for a message makes: a listener sets how it wants to receive, for how long, and receives.
+const WAITING: [i64; 3] = [libc::SYS_recvfrom, libc::SYS_fcntl, libc::SYS_setsockopt];
 
-/// The most calls that one wait with no message in its socket makes: it makes the socket block (2) for so long (1),
-/// receives, makes it not block (2), and receives until nothing is left, which here is one message.
-const CALLS_A_WAIT: u64 = 2 + 1 + 1 + 2 + 2;
+/// What waiting for a moment makes: one call.
+const SLEEPING: [i64; 1] = [libc::SYS_clock_nanosleep];
 
-/// Calls of the first ticks, in which ports are still being connected.
-const WARM_UP: usize = 500;
+/// What spinning makes.
+const YIELDING: [i64; 1] = [libc::SYS_sched_yield];
 
-/// Calls that are judged.
-const STRETCH: usize = 10_000;
+/// The most calls that one wait makes: it makes the socket block (2) for so long (1), receives (1), makes it not block
+/// (2), and receives until nothing is left, which may be one message (2).
+const CALLS_A_WAIT: usize = 8;
+
+/// The longest sleep of a wait; after it there is another.
+const LONGEST_SLEEP: Duration = Duration::from_millis(100);
+
+/// What is played where everybody waits for everybody.
+const LOCKSTEP: &str = "--p 0.5 --episodes 16";
+const TICKS: usize = 16 * EPISODE_STEPS;
+
+/// What is played against the clock. A traced process is slow, so it misses ticks.
+const REAL_TIME: &str = "--p 0.5 --rate 1000 --episodes 60";
+const PERIODS: usize = 60 * EPISODE_STEPS;
+
+/// How long a traced process stands still at each stop.
+const POLL: Duration = Duration::from_micros(20);
+const SLOW_POLL: Duration = Duration::from_micros(300);
 
 /// How long tracing may take.
 const DEADLINE: Duration = Duration::from_secs(60);
@@ -39,77 +49,144 @@ const DEADLINE: Duration = Duration::from_secs(60);
 #[test]
 fn an_agent_that_blocks_waits_twice_a_tick_and_notifies_twice() {
     for task in ["hear-see", "spread-xy-4"] {
-        let (calls, ticks) = traced(task, "block", |swarm| swarm.agents[0]);
-        // A wake-up may be left over from the last wait, hence a third one.
-        check(task, &calls, 2 * ticks, 3 * CALLS_A_WAIT * ticks);
+        let trace = Trace::of(&format!("--task {task} {LOCKSTEP}"), an_agent);
+        trace.assert_only(&[&NOTIFYING[..], &WAITING].concat(), libc::SYS_sendto, 2 * EPISODE_STEPS);
+        // Its word that it is ready may be traced too.
+        trace.assert_at_most(2 * TICKS + 1, &NOTIFYING);
+        // The supervisor notifies it twice a tick, and of the end. Any of this ends one wait.
+        trace.assert_at_most(CALLS_A_WAIT * (2 * TICKS + 1 + trace.sleeps()), &WAITING);
     }
 }
 
 #[test]
 fn a_supervisor_that_blocks_waits_for_each_agent_twice_a_tick_and_notifies_it_twice() {
     for (task, agents) in [("hear-see", 2), ("spread-xy-4", 4)] {
-        let (calls, ticks) = traced(task, "block", Swarm::supervisor);
-        // Each agent's notification may end a wait of its own.
-        check(task, &calls, 2 * agents * ticks, 2 * agents * CALLS_A_WAIT * ticks);
+        let trace = Trace::of(&format!("--task {task} {LOCKSTEP}"), Swarm::supervisor);
+        let episode = 2 * agents * EPISODE_STEPS;
+        trace.assert_only(&[&NOTIFYING[..], &WAITING].concat(), libc::SYS_sendto, episode);
+        // In the end it sends all away.
+        trace.assert_at_most(2 * agents * TICKS + agents, &NOTIFYING);
+        // Each agent notifies it twice a tick, and when it is ready. Any of this ends one wait.
+        trace.assert_at_most(CALLS_A_WAIT * (2 * agents * TICKS + agents + trace.sleeps()), &WAITING);
     }
 }
 
 #[test]
-fn processes_that_spin_only_yield() {
-    for process in [|swarm: &Swarm| swarm.agents[0], Swarm::supervisor] {
-        let (calls, _) = traced("spread-xy-4", "spin", process);
-        assert_eq!(calls.keys().collect::<Vec<_>>(), [&libc::SYS_sched_yield], "{}", words(&calls));
+fn an_agent_in_real_time_waits_for_its_sensor_and_the_deadline_and_notifies_nobody() {
+    let trace = Trace::of(&format!("--task spread-xy-4 {REAL_TIME}"), an_agent);
+    trace.assert_only(&[&WAITING[..], &SLEEPING].concat(), libc::SYS_clock_nanosleep, EPISODE_STEPS);
+    trace.assert_at_most(1, &NOTIFYING);
+    trace.assert_at_most(PERIODS, &SLEEPING);
+    trace.assert_at_most(CALLS_A_WAIT * (PERIODS + 1 + trace.sleeps()), &WAITING);
+}
+
+#[test]
+fn a_supervisor_in_real_time_sleeps_once_a_tick_and_notifies_each_agent_once() {
+    let (agents, sleeps) = (4, libc::SYS_clock_nanosleep);
+    let trace = Trace::of(&format!("--task spread-xy-4 {REAL_TIME}"), Swarm::supervisor);
+    trace.assert_only(&[&NOTIFYING[..], &SLEEPING].concat(), sleeps, EPISODE_STEPS);
+    assert_eq!(trace.count(&SLEEPING), PERIODS, "{}", trace.words());
+    trace.assert_at_most(agents * PERIODS + agents, &NOTIFYING);
+}
+
+#[test]
+fn processes_that_spin_make_no_call_a_tick_but_yield() {
+    for process in [an_agent as fn(&Swarm) -> Pid, Swarm::supervisor] {
+        let trace = Trace::of(&format!("--task hear-see --wait spin {LOCKSTEP}"), process);
+        // It takes some to begin and to leave, in which yields of the first and the last tick cannot be told apart.
+        let others = trace.calls.len() - trace.count(&YIELDING);
+        assert!(others < TICKS, "{others} in {TICKS} ticks: {}", trace.words());
+        assert!(trace.count(&YIELDING) > 0, "{}", trace.words());
     }
 }
 
-/// System calls by number.
-type Calls = BTreeMap<i64, u64>;
-
-/// Traces one process of a swarm that plays; its calls, and the ticks of the swarm from its start to a moment after the
-/// stretch.
-fn traced(task: &str, wait: &str, process: impl Fn(&Swarm) -> Pid) -> (Calls, u64) {
-    let swarm = Swarm::start(&format!("--task {task} --p 0.5 --wait {wait} --json"));
-    let calls = Tracer::seize(process(&swarm)).calls();
-    swarm.signal_supervisor(rustix::process::Signal::TERM);
-    let (_, json, stderr) = swarm.wait();
-    let summary: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}: {json}{stderr}"));
-    (calls, summary["ticks"].as_u64().expect("ticks were played"))
+fn an_agent(swarm: &Swarm) -> Pid {
+    swarm.agents[0]
 }
 
-/// Fails if there are calls other than these, or more.
-fn check(task: &str, calls: &Calls, notifications: u64, waits: u64) {
-    let sum = |known: &[(&str, i64)]| known.iter().filter_map(|(_, number)| calls.get(number)).sum::<u64>();
-    let (notified, waited) = (sum(&NOTIFICATIONS), sum(&WAITS));
-    let all: u64 = calls.values().sum();
-    assert!(
-        !calls.contains_key(&libc::SYS_clock_gettime),
-        "{task}: the kernel is asked for the time; this machine's clock has no vDSO: {}",
-        words(calls)
-    );
-    assert_eq!(
-        notified + waited,
-        all,
-        "{task}: something else than waits and notifications: {}",
-        words(calls)
-    );
-    assert!(notified > 0, "{task}: the stretch has no ticks: {}", words(calls));
-    assert!(notified <= notifications, "{task}: more than {notifications} notifications: {}", words(calls));
-    assert!(waited <= waits, "{task}: more than {waits} calls for waits: {}", words(calls));
+/// The system calls of one process, by number: from before the first tick to when it ends, or looks after children
+/// that it has sent away.
+struct Trace {
+    calls: Vec<i64>,
+    took: Duration,
 }
 
-/// The calls for an error, by name where it is known.
-fn words(calls: &Calls) -> String {
-    let known = || NOTIFICATIONS.iter().chain(&WAITS);
-    let name = |number: i64| known().find(|(_, known)| *known == number).map(|(name, _)| (*name).to_owned());
-    let word = |(number, count): (&i64, &u64)| {
-        format!("{count} x {}", name(*number).unwrap_or_else(|| format!("call number {number}")))
-    };
-    calls.iter().map(word).collect::<Vec<String>>().join(", ")
+impl Trace {
+    /// Plays a swarm to its end. Its last agent is made slower than the traced process, so that this has to wait,
+    /// and what it notifies has looked at the last notification.
+    fn of(words: &str, process: impl Fn(&Swarm) -> Pid) -> Trace {
+        let mut held = HeldSwarm::start(words);
+        let began = Instant::now();
+        let tracer = Tracer::seize(process(&held.swarm), POLL);
+        let last = *held.swarm.agents.last().unwrap();
+        let slower = std::thread::spawn(move || drop(Tracer::seize(last, SLOW_POLL).calls()));
+        held.let_go();
+        let trace = Trace { calls: tracer.calls(), took: began.elapsed() };
+        slower.join().unwrap();
+        let (code, stderr) = held.wait();
+        assert_eq!(code, Some(0), "{words}: {stderr}");
+        trace
+    }
+
+    /// How many sleeps of waits may have ended because they were long.
+    fn sleeps(&self) -> usize {
+        self.took.div_duration_f64(LONGEST_SLEEP) as usize
+    }
+
+    fn count(&self, known: &[i64]) -> usize {
+        self.calls.iter().filter(|call| known.contains(call)).count()
+    }
+
+    fn assert_at_most(&self, most: usize, known: &[i64]) {
+        let found = self.count(known);
+        assert!(found <= most, "{found} calls for what takes {most}: {}", self.words());
+    }
+
+    /// Fails if there is a call other than the `known` ones after so many of one kind, which are made while ports are
+    /// still being connected, and before the last one of that kind.
+    fn assert_only(&self, known: &[i64], kind: i64, first: usize) {
+        let mut of_kind = self.calls.iter().enumerate().filter(|(_, call)| **call == kind).map(|(at, _)| at);
+        let (begin, end) = (of_kind.nth(first), of_kind.next_back());
+        let (Some(begin), Some(end)) = (begin, end) else { panic!("too few ticks: {}", self.words()) };
+        let judged = Trace { calls: self.calls[begin..end].to_vec(), took: self.took };
+        assert!(
+            self.count(&[libc::SYS_clock_gettime]) == 0,
+            "the kernel is asked for the time; this machine's clock has no vDSO: {}",
+            self.words()
+        );
+        assert_eq!(
+            judged.count(known),
+            judged.calls.len(),
+            "something else than waits and notifications: {}",
+            judged.words()
+        );
+    }
+
+    /// How many of each, for an error.
+    fn words(&self) -> String {
+        const NAMES: [(i64, &str); 6] = [
+            (libc::SYS_sendto, "sendto"),
+            (libc::SYS_recvfrom, "recvfrom"),
+            (libc::SYS_fcntl, "fcntl"),
+            (libc::SYS_setsockopt, "setsockopt"),
+            (libc::SYS_sched_yield, "sched_yield"),
+            (libc::SYS_clock_nanosleep, "clock_nanosleep"),
+        ];
+        let mut counts = BTreeMap::<i64, usize>::new();
+        self.calls.iter().for_each(|call| *counts.entry(*call).or_default() += 1);
+        let name = |call: &i64| NAMES.iter().find(|(number, _)| number == call).map(|(_, name)| *name);
+        let word = |(call, count): (&i64, &usize)| match name(call) {
+            Some(name) => format!("{count} x {name}"),
+            None => format!("{count} x call number {call}"),
+        };
+        counts.iter().map(word).collect::<Vec<String>>().join(", ")
+    }
 }
 
 /// A thread of another process, stopped at each of its system calls. Only the thread that seized it can go on with it.
 struct Tracer {
     process: Pid,
+    poll: Duration,
     deadline: Instant,
 }
 
@@ -120,8 +197,8 @@ const EVENT: i32 = 16;
 const AT_CALL: i32 = 0x80;
 
 impl Tracer {
-    fn seize(process: Pid) -> Tracer {
-        let tracer = Tracer { process, deadline: Instant::now() + DEADLINE };
+    fn seize(process: Pid, poll: Duration) -> Tracer {
+        let tracer = Tracer { process, poll, deadline: Instant::now() + DEADLINE };
         let seized = tracer.ask(libc::PTRACE_SEIZE, 0, libc::PTRACE_O_TRACESYSGOOD as usize);
         if let Err(e) = seized.and_then(|_| tracer.ask(libc::PTRACE_INTERRUPT, 0, 0)) {
             panic!(
@@ -132,29 +209,33 @@ impl Tracer {
         tracer
     }
 
-    /// The calls of a stretch, after which the process runs free.
-    fn calls(self) -> Calls {
-        let mut calls = Calls::new();
-        let mut seen = 0;
-        while seen < WARM_UP + STRETCH {
+    /// All calls until the process ends or waits for a child; then it runs free.
+    fn calls(self) -> Vec<i64> {
+        const LAST: [i64; 3] = [libc::SYS_exit_group, libc::SYS_wait4, libc::SYS_waitid];
+        let mut calls = Vec::new();
+        loop {
             let status = self.stop();
-            let signal =
-                status.stopping_signal().unwrap_or_else(|| panic!("the process has ended: {status:?}"));
+            // An agent that takes too long to leave is killed.
+            let Some(signal) = status.stopping_signal() else { return calls };
             let at_call = signal == libc::SIGTRAP | AT_CALL;
             if let Some(number) = at_call.then(|| self.entered()).flatten() {
-                seen += 1;
-                if seen > WARM_UP {
-                    *calls.entry(number).or_default() += 1;
+                if LAST.contains(&number) {
+                    self.ask(libc::PTRACE_DETACH, 0, 0).expect("the process is stopped");
+                    return calls;
                 }
+                calls.push(number);
             }
             let is_signal = !at_call && status.as_raw() >> EVENT == 0;
             let passed_on = if is_signal { signal as usize } else { 0 };
-            self.ask(libc::PTRACE_SYSCALL, 0, passed_on).expect("the process is stopped");
+            self.go_on(passed_on);
         }
-        // Only a stopped process can be let go.
-        self.stop();
-        self.ask(libc::PTRACE_DETACH, 0, 0).expect("the process is stopped");
-        calls
+    }
+
+    /// Until the next stop. A process that has been killed in this one does not mind.
+    fn go_on(&self, passed_on: usize) {
+        if let Err(e) = self.ask(libc::PTRACE_SYSCALL, 0, passed_on) {
+            assert_eq!(e.raw_os_error(), Some(libc::ESRCH), "{e}");
+        }
     }
 
     /// Waits until the process stops or ends.
@@ -164,7 +245,7 @@ impl Tracer {
                 Some((_, status)) => return status,
                 None => assert!(Instant::now() < self.deadline, "tracing takes too long"),
             }
-            std::thread::sleep(Duration::from_micros(20));
+            std::thread::sleep(self.poll);
         }
     }
 

@@ -3,11 +3,12 @@
 
 pub mod training;
 
-use std::io::Read;
+use std::io::{PipeReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::process::{Pid, Signal, kill_process};
 
 /// The program under test.
@@ -69,8 +70,11 @@ impl Swarm {
 
     /// Starts a command that runs a swarm, and waits until its agents listen.
     pub fn of(words: &str) -> Swarm {
-        let mut command = command(words);
-        let supervisor = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        Swarm::writing_to(Stdio::piped(), words)
+    }
+
+    fn writing_to(stdout: Stdio, words: &str) -> Swarm {
+        let supervisor = command(words).stdout(stdout).stderr(Stdio::piped()).spawn().unwrap();
         let process = supervisor.id();
         let mut swarm = Swarm { supervisor: Some(supervisor), agents: Vec::new(), tag: String::new() };
         let deadline = Instant::now() + Duration::from_secs(30);
@@ -127,6 +131,38 @@ impl Drop for Swarm {
             let _ = supervisor.kill();
             let _ = supervisor.wait();
         }
+    }
+}
+
+/// A swarm held before its first tick: its pipe is full, so its supervisor waits with the first line.
+pub struct HeldSwarm {
+    pub swarm: Swarm,
+    stdout: PipeReader,
+    filling: Vec<u8>,
+}
+
+impl HeldSwarm {
+    /// Starts a swarm that will play what `words` say, and waits until its agents listen.
+    pub fn start(words: &str) -> HeldSwarm {
+        let (stdout, mut full) = std::io::pipe().unwrap();
+        let mut filling = Vec::new();
+        fcntl_setfl(&full, OFlags::NONBLOCK).unwrap();
+        while let Ok(written) = full.write(&[0; 4096]) {
+            filling.resize(filling.len() + written, 0);
+        }
+        fcntl_setfl(&full, OFlags::empty()).unwrap();
+        HeldSwarm { swarm: Swarm::writing_to(full.into(), &format!("spawn {words}")), stdout, filling }
+    }
+
+    /// Lets the swarm play.
+    pub fn let_go(&mut self) {
+        self.stdout.read_exact(&mut self.filling).unwrap();
+    }
+
+    /// Waits for the supervisor to end; its exit code and stderr.
+    pub fn wait(self) -> (Option<i32>, String) {
+        let (code, _, stderr) = self.swarm.wait();
+        (code, stderr)
     }
 }
 
