@@ -32,8 +32,8 @@ const CALLS_A_WAIT: usize = 8;
 const LONGEST_SLEEP: Duration = Duration::from_millis(100);
 
 /// What is played where everybody waits for everybody.
-const LOCKSTEP: &str = "--p 0.5 --episodes 16";
-const TICKS: usize = 16 * EPISODE_STEPS;
+const LOCKSTEP: &str = "--p 0.5 --episodes 8";
+const TICKS: usize = 8 * EPISODE_STEPS;
 
 /// What is played against the clock. A traced process is slow, so it misses ticks.
 const REAL_TIME: &str = "--p 0.5 --rate 1000 --episodes 60";
@@ -41,7 +41,7 @@ const PERIODS: usize = 60 * EPISODE_STEPS;
 
 /// How long a traced process stands still at each stop.
 const POLL: Duration = Duration::from_micros(20);
-const SLOW_POLL: Duration = Duration::from_micros(300);
+const SLOW_POLL: Duration = Duration::from_millis(1);
 
 /// How long tracing may take.
 const DEADLINE: Duration = Duration::from_secs(60);
@@ -54,7 +54,7 @@ fn an_agent_that_blocks_waits_twice_a_tick_and_notifies_twice() {
         // Its word that it is ready may be traced too.
         trace.assert_at_most(2 * TICKS + 1, &NOTIFYING);
         // The supervisor notifies it twice a tick, and of the end. Any of this ends one wait.
-        trace.assert_at_most(CALLS_A_WAIT * (2 * TICKS + 1 + trace.sleeps()), &WAITING);
+        trace.assert_waits_at_most(2 * TICKS + 1);
     }
 }
 
@@ -67,7 +67,7 @@ fn a_supervisor_that_blocks_waits_for_each_agent_twice_a_tick_and_notifies_it_tw
         // In the end it sends all away.
         trace.assert_at_most(2 * agents * TICKS + agents, &NOTIFYING);
         // Each agent notifies it twice a tick, and when it is ready. Any of this ends one wait.
-        trace.assert_at_most(CALLS_A_WAIT * (2 * agents * TICKS + agents + trace.sleeps()), &WAITING);
+        trace.assert_waits_at_most(2 * agents * TICKS + agents);
     }
 }
 
@@ -77,7 +77,8 @@ fn an_agent_in_real_time_waits_for_its_sensor_and_the_deadline_and_notifies_nobo
     trace.assert_only(&[&WAITING[..], &SLEEPING].concat(), libc::SYS_clock_nanosleep, EPISODE_STEPS);
     trace.assert_at_most(1, &NOTIFYING);
     trace.assert_at_most(PERIODS, &SLEEPING);
-    trace.assert_at_most(CALLS_A_WAIT * (PERIODS + 1 + trace.sleeps()), &WAITING);
+    // A notification may come so late that it ends a wait for the next one.
+    trace.assert_waits_at_most(5 * trace.count(&SLEEPING) / 4);
 }
 
 #[test]
@@ -91,8 +92,9 @@ fn a_supervisor_in_real_time_sleeps_once_a_tick_and_notifies_each_agent_once() {
 
 #[test]
 fn processes_that_spin_make_no_call_a_tick_but_yield() {
+    const TICKS: usize = 20 * EPISODE_STEPS;
     for process in [an_agent as fn(&Swarm) -> Pid, Swarm::supervisor] {
-        let trace = Trace::of(&format!("--task hear-see --wait spin {LOCKSTEP}"), process);
+        let trace = Trace::of("--task hear-see --p 0.5 --episodes 20 --wait spin", process);
         // It takes some to begin and to leave, in which yields of the first and the last tick cannot be told apart.
         let others = trace.calls.len() - trace.count(&YIELDING);
         assert!(others < TICKS, "{others} in {TICKS} ticks: {}", trace.words());
@@ -128,11 +130,6 @@ impl Trace {
         trace
     }
 
-    /// How many sleeps of waits may have ended because they were long.
-    fn sleeps(&self) -> usize {
-        self.took.div_duration_f64(LONGEST_SLEEP) as usize
-    }
-
     fn count(&self, known: &[i64]) -> usize {
         self.calls.iter().filter(|call| known.contains(call)).count()
     }
@@ -142,11 +139,19 @@ impl Trace {
         assert!(found <= most, "{found} calls for what takes {most}: {}", self.words());
     }
 
+    /// Fails if there were more waits for messages than so many and those that ended because they were long.
+    fn assert_waits_at_most(&self, most: usize) {
+        let most = most + self.took.div_duration_f64(LONGEST_SLEEP) as usize;
+        self.assert_at_most(most, &[libc::SYS_setsockopt]);
+        // One that finds it has been notified already does not sleep, and says nothing of how long.
+        self.assert_at_most(2 * CALLS_A_WAIT * most, &WAITING);
+    }
+
     /// Fails if there is a call other than the `known` ones after so many of one kind, which are made while ports are
-    /// still being connected, and before the last one of that kind.
-    fn assert_only(&self, known: &[i64], kind: i64, first: usize) {
+    /// still being connected, and before as many in the end, when all leave.
+    fn assert_only(&self, known: &[i64], kind: i64, many: usize) {
         let mut of_kind = self.calls.iter().enumerate().filter(|(_, call)| **call == kind).map(|(at, _)| at);
-        let (begin, end) = (of_kind.nth(first), of_kind.next_back());
+        let (begin, end) = (of_kind.nth(many), of_kind.nth_back(many));
         let (Some(begin), Some(end)) = (begin, end) else { panic!("too few ticks: {}", self.words()) };
         let judged = Trace { calls: self.calls[begin..end].to_vec(), took: self.took };
         assert!(
