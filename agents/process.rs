@@ -73,7 +73,12 @@ fn in_lockstep(member: &mut SharedMember, wait: Wait) -> Result<()> {
     let deadline = Instant::now() + PEER_DEADLINE;
     wait_until(member, wait, deadline, sleep, Member::collect)?;
     member.decide()?;
-    wake(member, wait)
+    wake(member, wait)?;
+    if wait == Wait::Block {
+        // Whom this has woken, and who has yet to decide on the same core, come first: predicting can wait.
+        std::thread::yield_now();
+    }
+    Ok(())
 }
 
 /// Decides at the deadline, with the observations that are in; the supervisor looks at its own time. False if the agent

@@ -199,7 +199,8 @@ impl Processes {
 
     /// Waits for a moment of the clock, and for nobody.
     fn wait_for_moment(&mut self, moment_ns: u64) -> Result<()> {
-        while !wait_for_moment(self.wait, moment_ns) {
+        while now_ns() < moment_ns {
+            wait_for_moment(self.wait, moment_ns);
             signals::check_stop()?;
             self.check_agents()?;
         }
