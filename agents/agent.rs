@@ -151,6 +151,14 @@ impl Agent {
         }
     }
 
+    /// Computes a step of nothing, so that what the networks need is in memory before the first episode begins, which
+    /// forgets this.
+    pub fn warm_up(&mut self) {
+        self.begin_episode(self.worlds);
+        self.act(0, 0, self.worlds);
+        self.predict();
+    }
+
     /// Forgets the last episode: one starts in this many worlds.
     pub fn begin_episode(&mut self, worlds: usize) {
         self.state.start(&self.actor, worlds);

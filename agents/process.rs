@@ -47,7 +47,8 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
         wake_on_time();
     }
     let ProcessSettings { address, agent, incarnation, wait, scheduling, settings, .. } = process;
-    let agent = Agent::new(settings, *agent)?;
+    let mut agent = Agent::new(settings, *agent)?;
+    agent.warm_up();
     let layout = settings.layout()?;
     let port = open(address, &layout, agent.index())?;
     // The supervisor is process 0.
