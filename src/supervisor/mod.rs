@@ -8,6 +8,7 @@ mod clock;
 mod in_process;
 mod launch;
 mod ledger;
+mod needs;
 mod processes;
 mod punctuality;
 mod session;

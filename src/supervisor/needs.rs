@@ -1,0 +1,59 @@
+//! What a swarm needs before it starts: weights that all agents can map, shared memory, open files.
+
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+
+use crate::agents::{AgentSettings, PolicySource};
+use crate::bus::{
+    Layout, SwarmAddress, SwarmDirectory, open_files_needed, shared_memory_free, shared_memory_needed,
+};
+use crate::error::Result;
+use crate::failed;
+use crate::nn::Policy;
+
+/// Puts weights into a file of the swarm's own, so that all agents map one copy of just these: those that are in
+/// this process only, and those of a file that may have been replaced since it was opened, as a run in training
+/// does. Those in the program itself are where they have to be.
+pub(super) fn share_weights(
+    settings: &AgentSettings,
+    policy: &Policy,
+    directory: &SwarmDirectory,
+) -> Result<AgentSettings> {
+    let mut settings = settings.clone();
+    if settings.policy != PolicySource::Builtin || !policy.is_shared() {
+        let path = directory.path().join("policy.safetensors");
+        policy.save(&path)?;
+        settings.policy = PolicySource::Copy(path);
+    }
+    Ok(settings)
+}
+
+/// Shared memory that runs out shows up as SIGBUS in the middle of a run, so look first.
+pub(super) fn check_shared_memory(address: &SwarmAddress, layout: &Layout) -> Result<()> {
+    let (free, total) = shared_memory_free()?;
+    let needed = shared_memory_needed(address, layout);
+    if needed <= free {
+        return Ok(());
+    }
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    let SwarmAddress { agents, worlds, .. } = address;
+    Err(failed!(
+        "shared memory is too small: {agents} agents and {worlds} parallel worlds need up to {:.1} MiB, /dev/shm \
+         has {:.1} MiB free of {:.1} MiB; use fewer --worlds, see what `vamaro-swarm doctor` finds, or enlarge it \
+         (mount -o remount,size=.. /dev/shm)",
+        mib(needed),
+        mib(free),
+        mib(total)
+    ))
+}
+
+/// Raises the soft limit on open files as far as the swarm needs; its agents inherit it.
+pub(super) fn allow_open_files(agents: usize) -> Result<()> {
+    let (needed, limit) = (open_files_needed(agents), getrlimit(Resource::Nofile));
+    if limit.current.is_none_or(|current| current >= needed) {
+        return Ok(());
+    }
+    let raised = Rlimit { current: Some(needed), maximum: limit.maximum };
+    setrlimit(Resource::Nofile, raised).map_err(|_| {
+        failed!("{agents} agents need {needed} open files a process; allow them with `ulimit -n {needed}`")
+    })
+}
