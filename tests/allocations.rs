@@ -3,12 +3,13 @@
 //! Allocations are counted for each thread, so of a swarm of processes those of the supervisor. Its agents run this
 //! test binary, which the words that they are called with, `agent <settings>`, have run the test [`agent`] and no other.
 
+mod common;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use std::io::Write;
 use std::time::Duration;
 
-use vamaro_swarm::agents::{Agent, AgentSettings, ImputerName, Member, PolicySource, Sensed, dims, process};
+use vamaro_swarm::agents::{Agent, AgentSettings, ImputerName, Member, PolicySource, Sensed, dims};
 use vamaro_swarm::bus::{
     AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
 };
@@ -191,13 +192,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
 /// Not a test: what the agents of the one below run. No test may have its name as a part of its own.
 #[test]
 fn agent() {
-    let settings = std::env::args().nth(2).and_then(|json| serde_json::from_str(&json).ok());
-    if let Some(settings) = settings
-        && let Err(error) = process::run(&settings)
-    {
-        let _ = writeln!(std::io::stderr(), "error: {error}");
-        std::process::exit(error.exit_code().into());
-    }
+    common::run_agent();
 }
 
 /// A team that notes how many allocations there have been when a tick of it begins and when it ends.

@@ -5,12 +5,11 @@
 
 mod common;
 
-use std::io::Write;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::{assert_gone, children, settings_of};
 use rustix::process::{Pid, Signal, kill_process};
-use vamaro_swarm::agents::{AgentSettings, ImputerName, PolicySource, dims, process};
+use vamaro_swarm::agents::{AgentSettings, ImputerName, PolicySource, dims};
 use vamaro_swarm::bus::Wait;
 use vamaro_swarm::error::Result;
 use vamaro_swarm::link::{LinkModel, Links};
@@ -26,13 +25,7 @@ const SEED: u64 = 4;
 /// would run them too.
 #[test]
 fn agent() {
-    let settings = std::env::args().nth(2).and_then(|json| serde_json::from_str(&json).ok());
-    if let Some(settings) = settings
-        && let Err(error) = process::run(&settings)
-    {
-        let _ = writeln!(std::io::stderr(), "error: {error}");
-        std::process::exit(error.exit_code().into());
-    }
+    common::run_agent();
 }
 
 /// One swarm at a time: whose child has ended is noticed by whoever looks first.

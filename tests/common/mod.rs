@@ -49,6 +49,18 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// What a test named `agent` does in a test binary whose swarms are its own: their supervisor starts that binary again
+/// with the words `agent <settings>`, which have the harness run the tests of this name. Does nothing without settings.
+pub fn run_agent() {
+    let settings = std::env::args().nth(2).and_then(|json| serde_json::from_str(&json).ok());
+    if let Some(settings) = settings
+        && let Err(error) = vamaro_swarm::agents::process::run(&settings)
+    {
+        let _ = writeln!(std::io::stderr(), "error: {error}");
+        std::process::exit(error.exit_code().into());
+    }
+}
+
 /// A file of the test data.
 pub fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
