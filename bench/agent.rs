@@ -5,9 +5,9 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 
-use vamaro_swarm::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims};
+use vamaro_swarm::agent::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims};
+use vamaro_swarm::environment::Task;
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, kernels, reference};
-use vamaro_swarm::world::Task;
 
 /// Numbers in [-1, 1] without a pattern that matters.
 fn numbers(len: usize) -> Vec<f32> {

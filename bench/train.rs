@@ -4,11 +4,11 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 
-use vamaro_swarm::agents::dims;
+use vamaro_swarm::agent::dims;
+use vamaro_swarm::environment::{EPISODE_STEPS, Task};
 use vamaro_swarm::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, critic_tensors};
 use vamaro_swarm::train::network::{Kind, Network};
 use vamaro_swarm::train::{Backend, Batch, Parameters, Settings, Team};
-use vamaro_swarm::world::{EPISODE_STEPS, Task};
 
 const BACKENDS: [Backend; 2] = [Backend::Native, Backend::Candle];
 

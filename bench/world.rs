@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 
-use vamaro_swarm::world::{Task, World};
+use vamaro_swarm::environment::{Task, World};
 
 fn pieces(c: &mut Criterion) {
     for task in ["hear-see", "spread-xy-4", "spread-blindfold-12"] {

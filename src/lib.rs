@@ -12,12 +12,12 @@
 //!
 //! | room | what is in it |
 //! |---|---|
-//! | [`distribution`], [`error`], [`file`](mod@file), [`machine`], [`rng`], [`scheduling`], [`stats`], [`table`], [`threads`] | distributions of times, errors with exit codes, files that appear whole, what results were made on, addressed draws, real-time hygiene, statistics, tables for terminals, work side by side |
-//! | [`world`] | physics and tasks |
+//! | [`base`] | errors, files that appear whole, addressed draws, statistics, tables, threads, real-time hygiene |
+//! | [`environment`] | physics and tasks |
 //! | [`link`] | who receives whom |
 //! | [`nn`] | actor, predictor, kernels, policy file |
 //! | [`bus`] | messages in shared memory, and their in-process twin |
-//! | [`agents`] | the agent's side: inbox, imputer, policy, process |
+//! | [`agent`] | the agent's side: inbox, imputer, policy, process |
 //! | [`recording`] | recorded episodes |
 //! | [`supervisor`] | launches agents, plays episodes in lockstep or by the clock, watches and reaps |
 //! | [`train`] | how a team learns: actors, critics, predictors, one update |
@@ -30,27 +30,18 @@
 
 #![warn(clippy::unwrap_used)]
 
-#[path = "../agents/mod.rs"]
-pub mod agents;
+pub mod agent;
+pub mod base;
 pub mod bus;
 pub mod cli;
-pub mod distribution;
-pub mod error;
+pub mod environment;
 pub mod evaluate;
-pub mod file;
 pub mod latency;
 pub mod link;
-pub mod machine;
 pub mod metrics;
 pub mod nn;
 pub mod plot;
 pub mod recording;
-pub mod rng;
-pub mod scheduling;
-pub mod stats;
 pub mod supervisor;
-pub mod table;
-pub mod threads;
 pub mod train;
 pub mod verify;
-pub mod world;

@@ -9,9 +9,9 @@ use std::path::Path;
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
-use crate::file::AtomicFile;
-use crate::world::{EPISODE_STEPS, World};
+use crate::base::error::{Error, Result};
+use crate::base::file::AtomicFile;
+use crate::environment::{EPISODE_STEPS, World};
 
 /// A file of recorded episodes.
 #[derive(Clone, Debug, Deserialize)]

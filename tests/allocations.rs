@@ -9,18 +9,18 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::time::Duration;
 
-use vamaro_swarm::agents::{Agent, AgentSettings, ImputerName, Member, PolicySource, Sensed, dims};
+use vamaro_swarm::agent::{Agent, AgentSettings, ImputerName, Member, PolicySource, Sensed, dims};
+use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{
     AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
 };
-use vamaro_swarm::error::Result;
+use vamaro_swarm::environment::{EPISODE_STEPS, Task, World};
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
     Conduct, Decisions, InProcess, Processes, Session, Stage, Team, Tick, signals,
 };
 use vamaro_swarm::train::{self, Batch, Settings};
-use vamaro_swarm::world::{EPISODE_STEPS, Task, World};
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };

@@ -1,12 +1,12 @@
 //! A lost observation never reaches imputer or policy: with every lost payload replaced by NaN, nothing
 //! changes by a bit.
 
-use vamaro_swarm::agents::{AgentSettings, ImputerName, PolicySource};
+use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource};
+use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{AgentPort, Header, Kind, Layout, LocalPort, LocalSample, Sample};
-use vamaro_swarm::error::Result;
+use vamaro_swarm::environment::{EPISODE_STEPS, Task};
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::supervisor::{Decisions, InProcess, Stage, Team};
-use vamaro_swarm::world::{EPISODE_STEPS, Task};
 
 /// A port that replaces what the links lose by NaN before the agent receives it.
 struct Poisoned {

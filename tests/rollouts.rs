@@ -9,15 +9,15 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::{assert_gone, children, settings_of};
 use rustix::process::{Pid, Signal, kill_process};
-use vamaro_swarm::agents::{AgentSettings, ImputerName, PolicySource, dims};
+use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource, dims};
+use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::Wait;
-use vamaro_swarm::error::Result;
+use vamaro_swarm::environment::{EPISODE_STEPS, Task, World};
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
 use vamaro_swarm::recording::{Header, Recorder, Recording};
 use vamaro_swarm::supervisor::{Decisions, InProcess, Processes, Session, Stage, Team, Tick, signals};
 use vamaro_swarm::train::{Batch, Rollout};
-use vamaro_swarm::world::{EPISODE_STEPS, Task, World};
 
 const SEED: u64 = 4;
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use common::{Swarm, fail, succeed};
 use rustix::process::{Pid, Signal};
 use serde_json::Value;
-use vamaro_swarm::world::EPISODE_STEPS;
+use vamaro_swarm::environment::EPISODE_STEPS;
 
 /// A line of `/proc/PID/status`.
 fn status(process: Pid, name: &str) -> String {

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use rustix::fs::{AtFlags, CWD, FlockOperation, Mode, OFlags, flock, linkat, open, statvfs};
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::failed;
 
 const SHARED_MEMORY: &str = "/dev/shm";

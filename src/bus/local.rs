@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use super::{AgentPort, Header, Sample};
-use crate::error::Result;
+use crate::base::error::Result;
 
 /// A message in this process; its receivers share it.
 #[derive(Clone, Debug)]

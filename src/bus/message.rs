@@ -13,7 +13,7 @@ pub const PROTOCOL: u32 = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kind {
-    /// Agent to supervisor: every port is open. One word: what it was [granted](crate::scheduling::Granted), in bits.
+    /// Agent to supervisor: every port is open. One word: what it was [granted](crate::base::scheduling::Granted), in bits.
     Ready = 1,
     /// Supervisor to one agent: its own observation and its link rows.
     Sensor = 2,

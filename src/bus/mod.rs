@@ -30,7 +30,7 @@ pub use services::{SwarmAddress, open_files_needed, shared_memory_needed};
 pub use shared::{AgentSharedPort, SharedSample, SupervisorPort};
 pub use wait::{Wait, wait_until};
 
-use crate::error::Result;
+use crate::base::error::Result;
 
 /// A received message, read in place for as long as it is held.
 pub trait Sample {

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::directory::{prefix_of, root_of};
 use super::{Header, Layout};
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::failed;
 
 /// Samples of one publisher that a receiver can hold: the one in its inbox and the one replacing it.

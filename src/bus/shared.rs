@@ -13,7 +13,7 @@ use super::services::{
     Event, Role, Services, WordPublisher, WordSubscriber, bus_error, subscriber, weights_publisher,
 };
 use super::{AgentPort, Header, Layout, Sample, SwarmAddress};
-use crate::error::Result;
+use crate::base::error::Result;
 use crate::failed;
 
 /// A received message in shared memory. Holding it keeps its publisher from writing there again.

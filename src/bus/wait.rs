@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam::utils::Backoff;
 
-use crate::error::Result;
+use crate::base::error::Result;
 
 /// How a process waits for the others.
 #[derive(

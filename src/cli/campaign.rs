@@ -14,7 +14,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::train::Train;
 use super::{print, tell};
-use crate::error::Result;
+use crate::base::error::Result;
 use crate::failed;
 use crate::supervisor::signals;
 

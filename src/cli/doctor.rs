@@ -4,15 +4,15 @@ use clap::Args;
 use rustix::process::{Resource, getrlimit};
 
 use super::print;
-use crate::agents::AgentSettings;
+use crate::agent::AgentSettings;
+use crate::base::error::Result;
+use crate::base::rng::MAX_AGENTS;
+use crate::base::threads;
 use crate::bus::{
     SwarmAddress, check_writable, leftovers, open_files_needed, shared_memory_free, shared_memory_needed,
 };
-use crate::error::Result;
+use crate::environment::Task;
 use crate::failed;
-use crate::rng::MAX_AGENTS;
-use crate::threads;
-use crate::world::Task;
 
 /// Tell whether this machine is ready, and clean up after dead swarms
 #[derive(Debug, Args)]

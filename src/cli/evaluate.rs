@@ -10,16 +10,16 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::train::threads;
 use super::{policy_source, print, tell};
-use crate::agents::{ImputerName, PolicySource};
+use crate::agent::{ImputerName, PolicySource};
+use crate::base::error::{Error, Result};
+use crate::base::machine;
 use crate::bus::Wait;
-use crate::error::{Error, Result};
+use crate::environment::Task;
 use crate::evaluate::report::{self, Provenance};
 use crate::evaluate::{Condition, Entrant, Place, Record, Requirement, Settings, Summary, Sweep, Verdict};
-use crate::machine;
 use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
 use crate::usage;
-use crate::world::Task;
 
 /// Measure how robust frozen policies are to links that fail
 #[derive(Debug, Args)]

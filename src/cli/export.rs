@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{policy_source, print};
-use crate::agents::PolicySource;
-use crate::error::Result;
+use crate::agent::PolicySource;
+use crate::base::error::Result;
+use crate::environment::Task;
 use crate::nn::PolicyFile;
 use crate::usage;
-use crate::world::Task;
 
 /// Write a policy in half precision, for keeping: half the size
 #[derive(Debug, Args)]

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::print;
-use crate::agents::{PREFERRED, dims};
-use crate::error::Result;
+use crate::agent::{PREFERRED, dims};
+use crate::base::error::Result;
+use crate::environment::Task;
 use crate::nn::{Meta, import};
 use crate::usage;
-use crate::world::Task;
 
 /// Turn a policy of the paper's published code (PyTorch state dicts) into a policy file
 #[derive(Debug, Args)]

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{print, table};
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::base::stats::mean;
 use crate::nn::PolicyFile;
 use crate::recording::Recording;
-use crate::stats::mean;
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
 use crate::verify::FileKind;

@@ -22,11 +22,11 @@ use std::path::{Path, PathBuf};
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 
-use crate::agents::PolicySource;
-use crate::agents::process::{self, ProcessSettings};
-use crate::error::{Error, Result};
+use crate::agent::PolicySource;
+use crate::agent::process::{self, ProcessSettings};
+use crate::base::error::{Error, Result};
+use crate::base::table::table;
 use crate::latency::peer::{self, PeerSettings};
-use crate::table::table;
 use crate::usage;
 
 /// Swarms of agents as processes that share observations through memory, over links that fail

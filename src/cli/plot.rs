@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::print;
-use crate::error::Result;
-use crate::file::AtomicFile;
+use crate::base::error::Result;
+use crate::base::file::AtomicFile;
 use crate::metrics::{self, Metrics};
 use crate::plot::curves;
 use crate::train::{Config, Layer, Preset};

@@ -8,17 +8,17 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::summary::{Outcome, Summary};
 use super::{policy_source, print, print_json, probability, rate, tell};
-use crate::agents::{AgentSettings, ImputerName, PolicySource};
+use crate::agent::{AgentSettings, ImputerName, PolicySource};
+use crate::base::error::{Error, Result};
+use crate::base::rng::MAX_AGENTS;
+use crate::base::scheduling::{Grants, Scheduling};
+use crate::base::threads::cores;
 use crate::bus::Wait;
-use crate::error::{Error, Result};
+use crate::environment::{EPISODE_STEPS, Task};
 use crate::link::{CommunicationMatrix, LinkModel, Links, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::{Header, Recorder};
-use crate::rng::MAX_AGENTS;
-use crate::scheduling::{Grants, Scheduling};
 use crate::supervisor::{Audit, Conduct, InProcess, Processes, Session, Statistics, Team, signals};
-use crate::threads::cores;
-use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
 
 /// Start a swarm, play episodes, and say how the team did

@@ -2,15 +2,15 @@
 
 use serde_json::{Value, json};
 
-use crate::agents::{AgentSettings, PolicySource};
+use crate::agent::{AgentSettings, PolicySource};
+use crate::base::distribution::Distribution;
+use crate::base::scheduling::Grants;
+use crate::base::table::thousands;
 use crate::bus::Wait;
-use crate::distribution::Distribution;
+use crate::environment::{EPISODE_STEPS, Task};
 use crate::link::{Links, complement};
 use crate::nn::Meta;
-use crate::scheduling::Grants;
 use crate::supervisor::{Audit, Punctuality, Statistics};
-use crate::table::thousands;
-use crate::world::{EPISODE_STEPS, Task};
 
 /// What was asked for. With what came of it, it makes a summary.
 pub(super) struct Summary<'a> {

@@ -4,9 +4,9 @@ use clap::Args;
 use serde_json::json;
 
 use super::{print, print_json, table};
-use crate::agents::BUILTIN;
-use crate::error::Result;
-use crate::world::Task;
+use crate::agent::BUILTIN;
+use crate::base::error::Result;
+use crate::environment::Task;
 
 /// List the tasks: ids, aliases, team sizes, dimensions
 #[derive(Debug, Args)]

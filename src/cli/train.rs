@@ -12,11 +12,11 @@ use serde_json::json;
 use super::campaign::{Campaign, Seeds, out_of_seed};
 use super::reporter::Reporter;
 use super::{keep_candle_to_its_thread, print, print_json, table};
-use crate::agents::process::leave_with;
+use crate::agent::process::leave_with;
+use crate::base::error::Result;
+use crate::base::threads::cores;
 use crate::bus::Wait;
-use crate::error::Result;
 use crate::supervisor::{InProcess, Processes, signals};
-use crate::threads::cores;
 use crate::train::{
     Algorithm, Backend, Checkpoint, Config, Layer, Pace, Preset, Run, RunFolder, Trial, estimate,
 };

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{policy_source, print, table};
-use crate::error::Result;
+use crate::base::error::Result;
 use crate::failed;
 use crate::verify::{Comparison, verify};
 

@@ -6,8 +6,8 @@ use super::evaluation::Condition;
 use super::grouping::distinct;
 use super::summary::Aggregate;
 use super::weighted::{Ordered, weighted_mean};
-use crate::error::Result;
-use crate::stats::mean;
+use crate::base::error::Result;
+use crate::base::stats::mean;
 
 /// One per label, condition and imputer with scores in at least two tasks.
 pub(super) fn aggregates(studies: &[Study], seed: u64, threads: usize) -> Result<Vec<Aggregate>> {

@@ -1,11 +1,11 @@
 //! Bootstrap: how far an estimate would have been off with other episodes.
 
 use super::summary::Interval;
-use crate::error::Result;
-use crate::rng::{Draws, Purpose};
-use crate::stats::quantile;
+use crate::base::error::Result;
+use crate::base::rng::{Draws, Purpose};
+use crate::base::stats::quantile;
+use crate::base::threads::side_by_side;
 use crate::supervisor::signals;
-use crate::threads::side_by_side;
 
 /// Resamples behind every interval.
 pub(super) const RESAMPLES: usize = 2000;

@@ -6,7 +6,7 @@ use super::estimate::relative;
 use super::evaluation::Condition;
 use super::grouping::distinct;
 use super::summary::{CellSummary, Group, Summary};
-use crate::stats::mean;
+use crate::base::stats::mean;
 
 /// What claims are about: one imputer against another, averaged over tasks and levels.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,10 +1,10 @@
 //! How far imputed values are from what was lost, by the time since something was last received.
 
 use super::evaluation::{AgeErrors, Calibration, UnitErrors};
-use crate::agents::JointLayout;
+use crate::agent::JointLayout;
+use crate::environment::{EPISODE_STEPS, Observed, Task, Unit};
 use crate::nn::{LstmState, Policy, Predictor, Scratch, Sigma};
 use crate::supervisor::{Decisions, Tick};
-use crate::world::{EPISODE_STEPS, Observed, Task, Unit};
 
 /// Half the width of the central 50 % and 95 % intervals of a normal distribution, in sigma.
 const WITHIN_50: f64 = 0.674_489_750_196_082;
@@ -169,7 +169,7 @@ fn restart<T: Clone>(values: &mut Vec<T>, length: usize, value: T) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agents::dims;
+    use crate::agent::dims;
     use crate::nn::{ActorKind, Meta, Networks};
 
     /// Hear-see with a predictor that expects no change, with sigma 1, whatever it sees.

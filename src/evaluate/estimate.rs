@@ -8,8 +8,8 @@ use super::evaluation::{Condition, Evaluation, UnitErrors};
 use super::grouping::{Alike, distinct, groups};
 use super::sample::{Sample, Sampler};
 use super::summary::{CellSummary, Comparison, Group, ImputerSummary, Interval, Summary};
-use crate::error::Result;
-use crate::stats::{mean, std};
+use crate::base::error::Result;
+use crate::base::stats::{mean, std};
 
 impl Summary {
     /// The statistics of an evaluation. Imputers of a group are compared with the first of `baselines` that

@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::environment::Unit;
 use crate::link::Links;
-use crate::world::Unit;
 
 /// A sweep: policies, each played under every condition with every imputer.
 ///

@@ -1,7 +1,7 @@
 //! Which policies were trained alike, and what they played.
 
 use super::evaluation::{Condition, Evaluation, Outcome};
-use crate::table::thousands;
+use crate::base::table::thousands;
 
 /// Policies of one task that were trained alike.
 pub(super) struct Alike<'a> {

@@ -2,12 +2,12 @@
 
 use super::errors::ErrorLedger;
 use super::evaluation::{Outcome, Settings};
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::base::rng::{Draws, Purpose};
+use crate::environment::{EPISODE_STEPS, Task, World};
 use crate::link::{LinkModel, Links};
 use crate::nn::Policy;
-use crate::rng::{Draws, Purpose};
 use crate::supervisor::{Decisions, Stage, Team, signals};
-use crate::world::{EPISODE_STEPS, Task, World};
 
 /// Episodes of an evaluation are numbered from here on: those of training from 0, its tests' from 2^48, so no
 /// policy has seen their initial states.
@@ -75,8 +75,8 @@ pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Result<Vec<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agents::{AgentSettings, ImputerName, PolicySource};
-    use crate::stats::mean;
+    use crate::agent::{AgentSettings, ImputerName, PolicySource};
+    use crate::base::stats::mean;
     use crate::supervisor::InProcess;
 
     fn settings(episodes: u64) -> Settings {

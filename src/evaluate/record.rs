@@ -9,7 +9,7 @@ use rustix::fs::{FlockOperation, flock};
 use serde::{Deserialize, Serialize};
 
 use super::evaluation::{Condition, Outcome, Settings};
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::nn::kernels;
 use crate::usage;
 

@@ -5,14 +5,14 @@ use std::sync::{Mutex, PoisonError};
 use super::evaluation::{Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings};
 use super::play::{play, play_at_random};
 use super::record::{Key, Record};
-use crate::agents::{AgentSettings, ImputerName, PolicySource};
+use crate::agent::{AgentSettings, ImputerName, PolicySource};
+use crate::base::error::{Error, Result};
+use crate::base::threads::side_by_side;
 use crate::bus::Wait;
-use crate::error::{Error, Result};
+use crate::environment::Task;
 use crate::failed;
 use crate::nn::Policy;
 use crate::supervisor::{InProcess, Processes, signals};
-use crate::threads::side_by_side;
-use crate::world::Task;
 
 /// What is to be played, and how.
 #[derive(Debug)]

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::peer::{PeerSettings, Role, await_state};
 use super::pin::Pinned;
 use super::plain::{Listener, Notifier, PlainNode, Publisher, Subscriber};
+use crate::base::error::Result;
 use crate::bus::{SwarmDirectory, Wait};
-use crate::error::Result;
 use crate::supervisor::{ChildProcess, reap, signals};
 
 /// A supervisor and its agents. A tick is: each agent's sensor out, everybody's observation in, all woken, everybody's

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use super::transport::Transport;
+use crate::base::error::Result;
 use crate::bus::{
     AgentPort, AgentSharedPort, Header, Kind, Layout, PROTOCOL, Sample, SupervisorPort, SwarmAddress, Wait,
 };
-use crate::error::Result;
 
 /// One of two agents of a swarm, by the very ports that agents have.
 ///

@@ -12,8 +12,8 @@ use rustix::io::Errno;
 use rustix::thread::futex::{self, Flags, Timespec};
 
 use super::transport::Transport;
+use crate::base::error::Result;
 use crate::bus::Wait;
-use crate::error::Result;
 use crate::failed;
 
 /// Bytes in front of each lane's payload: a cache line for the count of its messages.
@@ -116,6 +116,6 @@ fn lane(payload: usize) -> usize {
     COUNT + payload.next_multiple_of(COUNT)
 }
 
-fn cannot_share(e: impl std::fmt::Display) -> crate::error::Error {
+fn cannot_share(e: impl std::fmt::Display) -> crate::base::error::Error {
     failed!("cannot share memory with another process: {e}")
 }

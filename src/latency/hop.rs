@@ -17,10 +17,10 @@ use super::pin::Pinned;
 use super::plain::PlainEnd;
 use super::repeat;
 use super::transport::{Medium, Transport};
+use crate::base::distribution::Distribution;
+use crate::base::error::Result;
 use crate::bus::now_ns;
 use crate::bus::{SwarmDirectory, Wait};
-use crate::distribution::Distribution;
-use crate::error::Result;
 use crate::failed;
 use crate::supervisor::{ChildProcess, reap, signals};
 

@@ -10,7 +10,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::{Errno, ioctl_fionbio, read, write};
 
 use super::transport::{Medium, Transport};
-use crate::error::Result;
+use crate::base::error::Result;
 use crate::failed;
 
 /// The most bytes in a UDP datagram, which cannot be as long as the longest message. No other way needs parts.
@@ -132,6 +132,6 @@ fn wait_for(end: &OwnedFd, what: PollFlags, longest: Duration) -> Result<()> {
     }
 }
 
-fn gone(e: Errno) -> crate::error::Error {
+fn gone(e: Errno) -> crate::base::error::Error {
     failed!("cannot speak to the other end: {e}")
 }

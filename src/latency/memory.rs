@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::failed;
 
 /// The memory of a process, in bytes, as the kernel counts it in `smaps_rollup`.

@@ -1,7 +1,7 @@
 //! What a message of a hop says: when it was sent, and how long the one before it took.
 
+use crate::base::error::Result;
 use crate::bus::now_ns;
-use crate::error::Result;
 use crate::failed;
 
 /// How long a message took, in nanoseconds.

@@ -28,7 +28,7 @@ pub use transport::Medium;
 
 use std::time::{Duration, Instant};
 
-use crate::error::Result;
+use crate::base::error::Result;
 use crate::supervisor::signals;
 
 /// Calls `once` for so long, at least ten times, after a tenth of it to warm up. It is told whether the call counts.

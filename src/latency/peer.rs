@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::bare::{self, BareAgent};
 use super::hop::{self, Echo};
-use crate::agents::process::leave_with;
+use crate::agent::process::leave_with;
+use crate::base::error::Result;
 use crate::bus::{Wait, wait_until};
-use crate::error::Result;
 use crate::failed;
 
 /// How long the other side may take for anything before it counts as hung.

@@ -3,7 +3,7 @@
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
-use crate::scheduling::{allowed_cores, only};
+use crate::base::scheduling::{allowed_cores, only};
 
 /// This thread and other processes, each on a core of its own. Dropping it sets this thread free again.
 pub(super) struct Pinned {

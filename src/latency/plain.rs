@@ -7,8 +7,8 @@ use iceoryx2::port::listener::ListenerWaitError;
 use iceoryx2::prelude::ipc;
 
 use super::transport::Transport;
+use crate::base::error::Result;
 use crate::bus::{Role, Wait, bus_error, node, service_name};
-use crate::error::Result;
 
 /// One end of two services, one for each direction, each with an event to wake its receiver.
 pub(super) struct PlainEnd {

@@ -6,13 +6,13 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 use super::pin::Pinned;
-use crate::agents::{AgentSettings, ImputerName, PREFERRED, PolicySource, dims, paper_actor};
+use crate::agent::{AgentSettings, ImputerName, PREFERRED, PolicySource, dims, paper_actor};
+use crate::base::error::{Error, Result};
 use crate::bus::Wait;
-use crate::error::{Error, Result};
+use crate::environment::{EPISODE_STEPS, Task};
 use crate::link::{LinkModel, Links};
 use crate::nn::{Networks, Policy};
 use crate::supervisor::{Decisions, Processes, Stage, Team};
-use crate::world::{EPISODE_STEPS, Task};
 
 /// What a team of some size plays with: its task, and the paper's networks with random weights in a file.
 #[derive(Debug)]

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::{BareTeam, Played, Setup};
+use crate::base::distribution::Distribution;
+use crate::base::error::Result;
 use crate::bus::Wait;
-use crate::distribution::Distribution;
-use crate::error::Result;
 use crate::supervisor::AgentTimes;
 
 /// How long the ticks of a team took, and the parts of them.

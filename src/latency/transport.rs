@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::Result;
+use crate::base::error::Result;
 
 /// One end of a way to another process and back. Messages are of one size, and each is answered before the next is
 /// sent.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::usage;
 
 /// The communication matrix C: `p(i, j)` is the probability that agent i receives agent j.

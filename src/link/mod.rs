@@ -8,7 +8,7 @@ mod matrix;
 
 pub use matrix::CommunicationMatrix;
 
-use crate::rng::{Draws, Purpose};
+use crate::base::rng::{Draws, Purpose};
 
 /// In mode `dynamic` the matrix holds for this many steps: t = 1-5, 6-10, ..
 pub const DYNAMIC_PERIOD: u64 = 5;

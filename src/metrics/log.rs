@@ -5,8 +5,8 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use super::{Metrics, events, table};
-use crate::error::{Error, Result};
-use crate::file::AtomicFile;
+use crate::base::error::{Error, Result};
+use crate::base::file::AtomicFile;
 use crate::{failed, usage};
 
 /// The metrics of a run in training, as `metrics.csv` and as an event file of TensorBoard.

@@ -3,8 +3,8 @@
 use super::networks::{Networks, PredictorSpec};
 use super::policy::Meta;
 use super::weights::Line;
-use crate::error::{Error, Result};
-use crate::file::AtomicFile;
+use crate::base::error::{Error, Result};
+use crate::base::file::AtomicFile;
 use crate::{failed, usage};
 use half::f16;
 use memmap2::Mmap;

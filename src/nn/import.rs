@@ -7,7 +7,7 @@ use super::Dims;
 use super::networks::{ActorKind, Networks, PredictorSpec, Sharing};
 use super::policy::{Meta, Policy};
 use super::state_dict::StateDict;
-use crate::error::Result;
+use crate::base::error::Result;
 use std::path::{Path, PathBuf};
 
 /// The policy in the state dict of actors at `agents` and those of named `predictors`.

@@ -1,7 +1,7 @@
 //! Which networks a policy is made of, and the tensors that follow from it.
 
 use super::Dims;
-use crate::rng::{Draws, MAX_AGENTS, Purpose};
+use crate::base::rng::{Draws, MAX_AGENTS, Purpose};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

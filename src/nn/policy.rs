@@ -7,7 +7,7 @@ use super::networks::{ActorKind, Networks, Sharing, TensorSpec};
 use super::predictor::Predictor;
 use super::weights::{Storage, Tensor};
 use super::{Dims, PredictorSpec};
-use crate::error::Result;
+use crate::base::error::Result;
 use crate::{failed, usage};
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;

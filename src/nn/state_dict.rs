@@ -5,7 +5,7 @@
 //! panic or recurse deeply; so it reads in a thread of its own with a large stack, and a panic there is an
 //! error here (its words go to stderr all the same). A pickle built to exhaust memory is not guarded against.
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::{failed, usage};
 use candle_core::pickle::PthTensors;
 use candle_core::{DType, Tensor};

@@ -1,9 +1,9 @@
 //! Learning curves: what tests returned while a team was trained, one panel per level of communication.
 
 use super::{Figure, Panel, Point, Series};
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::base::stats::{mean, std};
 use crate::metrics::Metrics;
-use crate::stats::{mean, std};
 use crate::usage;
 
 /// The curves of one run, or of runs that differ in their seed: their mean and a band of one standard deviation
@@ -14,7 +14,7 @@ use crate::usage;
 /// the legend says how many.
 ///
 /// # Errors
-/// [`Error::Usage`](crate::error::Error::Usage) if there is no such column, or no timestep with a test that
+/// [`Error::Usage`](crate::base::error::Error::Usage) if there is no such column, or no timestep with a test that
 /// all runs have.
 pub fn curves(runs: &[Metrics], title: &str) -> Result<String> {
     let tests: Vec<(&str, f64)> = runs

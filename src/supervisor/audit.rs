@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::{Decisions, Tick};
-use crate::world::Task;
+use crate::environment::Task;
 
 /// Counts the parts of policy inputs by origin. A part is the unique part of one agent's observation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]

@@ -1,11 +1,11 @@
 //! A team without processes: the same agents, phase by phase, in this thread.
 
 use super::{Decisions, Team, Tick, check_weights};
-use crate::agents::{Agent, AgentSettings, Member, Sensed};
+use crate::agent::{Agent, AgentSettings, Member, Sensed};
+use crate::base::error::Result;
 use crate::bus::{AgentPort, Header, Kind, Layout, LocalHub, LocalPort, LocalSample, PROTOCOL, Sample};
-use crate::error::Result;
+use crate::environment::Task;
 use crate::nn::Policy;
-use crate::world::Task;
 
 /// The agents of a team in this process. `P` is their port, by default the plain in-process one.
 pub struct InProcess<P: AgentPort = LocalPort> {

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::{Audit, Decisions, EpisodeStatistics, Stage, Statistics, Tick};
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::environment::{N_ACTIONS, Task};
 use crate::recording::{Episode, Recorder};
-use crate::world::{N_ACTIONS, Task};
 
 /// Notes what happens on a [`Stage`].
 #[derive(Debug, Default)]

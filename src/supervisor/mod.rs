@@ -26,11 +26,11 @@ pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
 
 use self::ledger::Ledger;
+use crate::base::error::Result;
 use crate::bus::{Decision, Header, Layout, now_ns};
-use crate::error::Result;
+use crate::environment::Task;
 use crate::failed;
 use crate::nn::kernels::all_finite;
-use crate::world::Task;
 
 /// What the supervisor gives a team at a tick.
 #[derive(Clone, Copy, Debug)]
@@ -76,7 +76,7 @@ pub trait Team {
     ///
     /// # Errors
     /// `Failed` if there are too many or too few, one is not finite, or the team cannot take them:
-    /// [`Processes`] must play a [policy in training](crate::agents::PolicySource::Training), and an episode
+    /// [`Processes`] must play a [policy in training](crate::agent::PolicySource::Training), and an episode
     /// must have begun with the last ones, of which there is one copy for all.
     fn renew(&mut self, weights: &[f32]) -> Result<()>;
 }

@@ -2,11 +2,11 @@
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-use crate::agents::{AgentSettings, PolicySource};
+use crate::agent::{AgentSettings, PolicySource};
+use crate::base::error::Result;
 use crate::bus::{
     Layout, SwarmAddress, SwarmDirectory, open_files_needed, shared_memory_free, shared_memory_needed,
 };
-use crate::error::Result;
 use crate::failed;
 use crate::nn::Policy;
 

@@ -7,17 +7,17 @@ use super::clock::{Clock, Period};
 use super::launch::{ChildProcess, reap};
 use super::needs::{allow_open_files, check_shared_memory, share_weights};
 use super::{Decisions, Punctuality, Team, Tick, check_weights, signals};
-use crate::agents::process::ProcessSettings;
-use crate::agents::{AgentSettings, PolicySource};
+use crate::agent::process::ProcessSettings;
+use crate::agent::{AgentSettings, PolicySource};
+use crate::base::error::Result;
+use crate::base::scheduling::{Granted, Grants, Scheduling, allowed_cores};
 use crate::bus::{
     DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress,
     SwarmDirectory, Wait, now_ns, wait_for_moment, wait_until, wake_on_time,
 };
-use crate::error::Result;
+use crate::environment::Task;
 use crate::failed;
 use crate::nn::Policy;
-use crate::scheduling::{Granted, Grants, Scheduling, allowed_cores};
-use crate::world::Task;
 
 /// How long the agents may take to start.
 const READY_DEADLINE: Duration = Duration::from_secs(30);

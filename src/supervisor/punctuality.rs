@@ -1,6 +1,6 @@
 //! How well a swarm in real time keeps to its clock.
 
-use crate::distribution::Distribution;
+use crate::base::distribution::Distribution;
 
 /// How punctual the periods of a swarm were, and its agents in them.
 #[derive(Clone, Debug)]

@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use super::{Audit, Decisions, Ledger, Stage, Statistics, Team, signals};
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::environment::{EPISODE_STEPS, Task};
 use crate::link::LinkModel;
 use crate::recording::Recorder;
-use crate::world::{EPISODE_STEPS, Task};
 
 /// Worlds and links, a team that plays in them, and a ledger of what happened.
 #[derive(Debug)]

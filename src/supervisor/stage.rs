@@ -1,9 +1,9 @@
 //! The supervisor's side of a tick: worlds, sensors and links.
 
 use super::Tick;
+use crate::base::rng::MAX_AGENTS;
+use crate::environment::{Task, World};
 use crate::link::LinkModel;
-use crate::rng::MAX_AGENTS;
-use crate::world::{Task, World};
 
 /// Parallel worlds that play consecutive episodes, step by step together.
 #[derive(Debug)]

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use crate::distribution::Distribution;
-use crate::stats::ci95;
+use crate::base::distribution::Distribution;
+use crate::base::stats::ci95;
 
 /// One finished episode.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -69,8 +69,8 @@ impl Batch {
     }
 
     /// Room for so many episodes of a task, all zero, with or without estimates.
-    pub fn zeros(task: &crate::world::Task, episodes: usize, estimates: bool) -> Batch {
-        let steps = crate::world::EPISODE_STEPS;
+    pub fn zeros(task: &crate::environment::Task, episodes: usize, estimates: bool) -> Batch {
+        let steps = crate::environment::EPISODE_STEPS;
         let (n_agents, rows) = (task.n_agents(), steps * episodes);
         let seen = if estimates { rows + episodes } else { 0 };
         Batch {

@@ -18,9 +18,9 @@ use super::replay::Replay;
 use super::rows::Averages;
 use super::state::Counters;
 use super::team::Team;
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
+use crate::environment::{EPISODE_STEPS, Task};
 use crate::nn::{Precision, map, write_tensors};
-use crate::world::{EPISODE_STEPS, Task};
 use crate::{failed, usage};
 
 const FORMAT: &str = "vamaro-swarm checkpoint";

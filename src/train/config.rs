@@ -8,13 +8,13 @@ use toml::{Table, Value};
 use super::layer::{Layer, like};
 use super::preset::Preset;
 use super::settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
-use crate::agents::ImputerName;
-use crate::error::Result;
-use crate::file::AtomicFile;
+use crate::agent::ImputerName;
+use crate::base::error::Result;
+use crate::base::file::AtomicFile;
+use crate::environment::Task;
 use crate::link::{LinkModel, Links};
 use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing};
 use crate::usage;
-use crate::world::Task;
 
 /// Everything that the result of a training run depends on; two runs of one configuration end in the same bits.
 ///

@@ -8,8 +8,8 @@ use rustix::fs::{FlockOperation, flock};
 
 use super::checkpoint::Checkpoint;
 use super::layer::Layer;
-use crate::error::{Error, Result};
-use crate::file::PART_OF_FILE;
+use crate::base::error::{Error, Result};
+use crate::base::file::PART_OF_FILE;
 use crate::usage;
 
 const CHECKPOINT: &str = "checkpoint.safetensors";

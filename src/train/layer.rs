@@ -4,7 +4,7 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::usage;
 
 /// Settings from one place: a file, or the command line.

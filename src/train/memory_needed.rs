@@ -1,11 +1,11 @@
 //! The memory that a run needs, by arithmetic, before any of it is taken.
 
 use super::Config;
-use crate::agents::dims;
-use crate::error::Result;
+use crate::agent::dims;
+use crate::base::error::Result;
+use crate::environment::{EPISODE_STEPS, Task};
 use crate::nn::TensorSpec;
 use crate::usage;
-use crate::world::{EPISODE_STEPS, Task};
 
 /// Bytes of a weight or an observed value.
 pub(super) const VALUE: usize = size_of::<f32>();

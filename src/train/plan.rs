@@ -7,10 +7,10 @@ use super::memory_needed::{VALUE, memory_needed, remembered};
 use super::rows::columns;
 use super::trainer::{Diverged, Trainer};
 use super::trial::test;
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::environment::EPISODE_STEPS;
 use crate::failed;
 use crate::supervisor::{InProcess, Team as _};
-use crate::world::EPISODE_STEPS;
 
 /// What a run will take.
 #[derive(Clone, Debug, PartialEq)]

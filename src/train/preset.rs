@@ -2,9 +2,9 @@
 
 use super::config::{AdvantageKind, Algorithm, Config, TrainP};
 use super::settings::{Backend, CriticInput, Objective, PredictorSettings, Settings};
-use crate::agents::paper_actor;
+use crate::agent::paper_actor;
+use crate::environment::Task;
 use crate::nn::PredictorSpec;
-use crate::world::Task;
 
 /// Where a configuration starts from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]

@@ -2,7 +2,7 @@
 
 use super::batch::{Batch, Trajectories};
 use super::memory::Buffer;
-use crate::rng::{Draws, Purpose};
+use crate::base::rng::{Draws, Purpose};
 
 /// The joint observations of the last episodes, everything delivered.
 #[derive(Clone, Debug)]

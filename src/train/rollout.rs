@@ -1,11 +1,11 @@
 //! Rollouts: episodes that a team plays to learn from.
 
 use super::Batch;
-use crate::agents::JointLayout;
-use crate::error::Result;
+use crate::agent::JointLayout;
+use crate::base::error::Result;
+use crate::environment::{EPISODE_STEPS, Task};
 use crate::link::LinkModel;
 use crate::supervisor::{Decisions, Stage, Team, signals};
-use crate::world::{EPISODE_STEPS, Task};
 
 /// Parallel worlds whose episodes go into a [`Batch`]: episode e is column `e % batch.episodes`, so a batch of
 /// more columns than worlds holds the last episodes.

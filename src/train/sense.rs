@@ -2,7 +2,7 @@
 
 use super::config::{Algorithm, Config, TrainP, objective};
 use super::settings::CriticInput;
-use crate::error::Result;
+use crate::base::error::Result;
 use crate::usage;
 
 /// Beyond this a test would take longer than training, by mistake.

@@ -10,8 +10,8 @@ use super::parameters::clip_scale;
 use super::predictor::{Predictor, PredictorLosses};
 use super::returns::standardise;
 use super::settings::{Objective, Settings};
+use crate::base::threads::side_by_side;
 use crate::nn::{Dims, Sharing};
-use crate::threads::side_by_side;
 
 /// Actors, critics and predictors that learn together.
 #[derive(Clone, Debug)]

@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use super::trainer::{Diverged, Trainer};
 use super::trial::test;
 use super::{Busy, Config};
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::base::threads::side_by_side;
+use crate::environment::EPISODE_STEPS;
 use crate::nn::kernels::{self, Start};
-use crate::threads::side_by_side;
-use crate::world::EPISODE_STEPS;
 use crate::{failed, supervisor};
 
 /// What was measured over a number of updates, each with the episodes it learns from.

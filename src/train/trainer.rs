@@ -4,12 +4,12 @@ use super::checkpoint::{Checkpoint, Progress, State, available_actions};
 use super::memory_needed::check_memory;
 use super::replay::Replay;
 use super::{Algorithm, Batch, Config, Rollout, Team};
-use crate::agents::{AgentSettings, PolicySource, dims};
-use crate::error::Result;
+use crate::agent::{AgentSettings, PolicySource, dims};
+use crate::base::error::Result;
+use crate::environment::{EPISODE_STEPS, Task};
 use crate::nn::kernels::all_finite;
 use crate::nn::{Meta, Policy};
 use crate::supervisor;
-use crate::world::{EPISODE_STEPS, Task};
 
 /// A team in training: what it has learned, and the worlds it plays in.
 #[derive(Debug)]

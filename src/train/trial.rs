@@ -4,14 +4,14 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 
 use super::config::Config;
-use crate::agents::{AgentSettings, ImputerName, PolicySource};
-use crate::error::Result;
+use crate::agent::{AgentSettings, ImputerName, PolicySource};
+use crate::base::error::Result;
+use crate::base::stats::{mean, std};
+use crate::base::threads::side_by_side;
+use crate::environment::Task;
 use crate::link::{LinkModel, Links};
 use crate::nn::Policy;
-use crate::stats::{mean, std};
 use crate::supervisor::{InProcess, Session};
-use crate::threads::side_by_side;
-use crate::world::Task;
 
 /// The levels that are tested: probabilities of delivery.
 pub const LEVELS: [f64; 6] = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0];

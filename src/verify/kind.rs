@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::nn::PolicyFile;
 
 /// The kinds of file the program knows.

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 
 pub use kind::FileKind;
 
-use crate::agents::PolicySource;
-use crate::error::{Error, Result};
+use crate::agent::PolicySource;
+use crate::base::error::{Error, Result};
 use crate::recording::Recording;
 
 /// What verification found.

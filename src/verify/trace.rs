@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use super::{Comparison, Deviations};
-use crate::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, PolicySource, Received, dims};
-use crate::error::{Error, Result};
+use crate::agent::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, PolicySource, Received, dims};
+use crate::base::error::{Error, Result};
+use crate::environment::Task;
 use crate::nn::{Meta, Policy, import};
 use crate::recording::{Episode, Recording};
 use crate::usage;
-use crate::world::Task;
 
 /// Largest deviation of a joint estimate or logit: networks in f32 that add in another order.
 const LARGEST: f64 = 1e-4;

@@ -5,9 +5,9 @@ use std::path::Path;
 use glam::DVec2;
 
 use super::{Comparison, Deviations};
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
+use crate::environment::{EPISODE_STEPS, Task, World};
 use crate::recording::{Episode, Recording};
-use crate::world::{EPISODE_STEPS, Task, World};
 
 /// A single step from the recorded state.
 const STEP_TOLERANCE: f64 = 1e-12;

@@ -54,7 +54,7 @@ pub fn stderr(output: &Output) -> String {
 pub fn run_agent() {
     let settings = std::env::args().nth(2).and_then(|json| serde_json::from_str(&json).ok());
     if let Some(settings) = settings
-        && let Err(error) = vamaro_swarm::agents::process::run(&settings)
+        && let Err(error) = vamaro_swarm::agent::process::run(&settings)
     {
         let _ = writeln!(std::io::stderr(), "error: {error}");
         std::process::exit(error.exit_code().into());

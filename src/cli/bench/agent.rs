@@ -8,15 +8,15 @@ use serde_json::json;
 
 use super::compare::Output;
 use super::some_seconds;
-use crate::agents::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims};
+use crate::agent::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims};
+use crate::base::distribution::Distribution;
+use crate::base::error::Result;
 use crate::bus::now_ns;
 use crate::cli::{keep_candle_to_its_thread, table, tell};
-use crate::distribution::Distribution;
-use crate::error::Result;
+use crate::environment::Task;
 use crate::latency::repeat;
 use crate::nn::{ActorKind, Networks, Policy, kernels, reference};
 use crate::supervisor::signals;
-use crate::world::Task;
 
 /// One agent: a decision, beside reading its weights once and candle's forward pass
 #[derive(Debug, Args)]

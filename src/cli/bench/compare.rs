@@ -6,8 +6,8 @@ use std::path::Path;
 use clap::Args;
 use serde_json::{Value, json};
 
+use crate::base::error::Result;
 use crate::cli::{print, print_json, table};
-use crate::error::Result;
 use crate::usage;
 
 /// How a result is printed.

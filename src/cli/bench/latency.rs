@@ -9,16 +9,16 @@ use serde_json::{Map, Value, json};
 
 use super::compare::Output;
 use super::some_seconds;
+use crate::base::distribution::{Distribution, OVERRUN, QUANTILES};
+use crate::base::error::{Error, Result};
+use crate::base::file::AtomicFile;
+use crate::base::rng::MAX_AGENTS;
+use crate::base::threads::cores;
 use crate::bus::{Wait, now_ns};
 use crate::cli::{table, tell};
-use crate::distribution::{Distribution, OVERRUN, QUANTILES};
-use crate::error::{Error, Result};
-use crate::file::AtomicFile;
 use crate::latency::{Hop, Medium, PAYLOADS, Setup, Tick};
 use crate::plot::{Figure, Panel, Point, Series};
-use crate::rng::MAX_AGENTS;
 use crate::supervisor::signals;
-use crate::threads::cores;
 
 /// Latency: hops between processes over our bus and others, ticks, decisions
 #[derive(Debug, Args)]

@@ -10,7 +10,7 @@ mod world;
 
 use clap::{Args, Subcommand};
 
-use crate::error::Result;
+use crate::base::error::Result;
 
 /// Measure what this machine reaches
 #[derive(Debug, Args)]

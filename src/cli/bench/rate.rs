@@ -7,17 +7,17 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::compare::Output;
-use crate::agents::{AgentSettings, ImputerName};
+use crate::agent::{AgentSettings, ImputerName};
+use crate::base::error::{Error, Result};
+use crate::base::file::AtomicFile;
+use crate::base::stats::{ci95, mean};
 use crate::bus::Wait;
 use crate::cli::{probability, rate, table, tell};
-use crate::error::{Error, Result};
-use crate::file::AtomicFile;
+use crate::environment::Task;
 use crate::link::{LinkModel, Links};
 use crate::nn::Policy;
 use crate::plot::{Figure, Panel, Point, Series};
-use crate::stats::{ci95, mean};
 use crate::supervisor::{Conduct, InProcess, Processes, Punctuality, Session, Statistics, Team, signals};
-use crate::world::Task;
 
 /// Real time: the return of a team against its rate, and what is late
 #[derive(Debug, Args)]

@@ -7,12 +7,12 @@ use serde_json::{Map, Value, json};
 
 use super::compare::Output;
 use super::{median, some_seconds};
+use crate::base::distribution::Distribution;
+use crate::base::error::Result;
+use crate::base::rng::MAX_AGENTS;
 use crate::bus::Wait;
 use crate::cli::{table, tell};
-use crate::distribution::Distribution;
-use crate::error::Result;
 use crate::latency::{BareTeam, Memory, Played, Setup, exponent};
-use crate::rng::MAX_AGENTS;
 use crate::supervisor::signals;
 
 /// Swarms: start-up, memory per agent, and how the time of a tick grows

@@ -7,12 +7,12 @@ use serde_json::json;
 
 use super::compare::Output;
 use super::{median, some_seconds};
+use crate::base::error::Result;
 use crate::bus::Wait;
 use crate::cli::{keep_candle_to_its_thread, table, tell, train};
-use crate::error::Result;
+use crate::environment::EPISODE_STEPS;
 use crate::supervisor::{InProcess, Processes, Team, signals};
 use crate::train::{Backend, Config, Layer, Preset, Throughput, Trainer, matmul_rate, test_duration};
-use crate::world::EPISODE_STEPS;
 
 /// Training: env steps/s, where the time goes, and the same with candle
 #[derive(Debug, Args)]

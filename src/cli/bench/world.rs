@@ -8,11 +8,11 @@ use serde_json::json;
 
 use super::compare::Output;
 use super::{median, some_seconds};
+use crate::base::error::Result;
+use crate::base::rng::{Draws, Purpose};
 use crate::cli::{table, tell};
-use crate::error::Result;
-use crate::rng::{Draws, Purpose};
+use crate::environment::{EPISODE_STEPS, Task, World};
 use crate::supervisor::signals;
-use crate::world::{EPISODE_STEPS, Task, World};
 
 /// Worlds: env steps/s on one core
 #[derive(Debug, Args)]

@@ -1,12 +1,12 @@
 //! Made-up evaluations with the statistics one would expect of them, roughly.
 
 use super::Provenance;
+use crate::base::stats::{ci95, mean, std};
+use crate::environment::Unit;
 use crate::evaluate::{
     AgeErrors, Aggregate, Calibration, Cell, CellSummary, Comparison, Condition, Contender, Evaluation,
     Group, ImputerSummary, Interval, Outcome, RandomTeam, Settings, Summary, UnitErrors,
 };
-use crate::stats::{ci95, mean, std};
-use crate::world::Unit;
 
 /// A task, the return of its policies where all is delivered, and their number.
 pub type Played<'a> = (&'a str, f64, usize);

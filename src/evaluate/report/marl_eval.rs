@@ -3,8 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use super::words;
+use crate::base::stats::mean;
 use crate::evaluate::{Evaluation, Summary};
-use crate::stats::mean;
 
 /// JSON text: environment, task, algorithm, run.
 ///

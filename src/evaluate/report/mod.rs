@@ -25,8 +25,8 @@ pub use results::results;
 pub use text::text;
 
 use super::{Evaluation, Summary};
-use crate::error::{Error, Result};
-use crate::file::AtomicFile;
+use crate::base::error::{Error, Result};
+use crate::base::file::AtomicFile;
 
 /// What an evaluation was made with.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]

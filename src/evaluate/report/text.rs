@@ -1,8 +1,8 @@
 //! What a terminal shows of an evaluation.
 
 use super::words;
+use crate::base::table::table;
 use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary, Summary};
-use crate::table::table;
 
 /// Tables of every group: return and score under each condition, and what a curve comes to; then the claims.
 pub fn text(summary: &Summary) -> String {

@@ -1,8 +1,8 @@
 //! How numbers and conditions are written, in whatever file.
 
+use crate::environment::Unit;
 use crate::evaluate::grouping::distinct;
 use crate::evaluate::{AgeErrors, Claims, Condition, Group, ImputerSummary, Interval, Summary, UnitErrors};
-use crate::world::Unit;
 
 /// `p = 0.2`, or the name of the mode.
 pub fn condition(condition: Condition) -> String {

@@ -1,7 +1,7 @@
 //! Intervals, and what has none.
 
 use super::*;
-use crate::rng::{Draws, Purpose};
+use crate::base::rng::{Draws, Purpose};
 
 #[test]
 fn threads_make_no_difference_and_the_seed_does() {

@@ -3,7 +3,7 @@
 mod intervals;
 
 use super::*;
-use crate::world::Unit;
+use crate::environment::Unit;
 
 use Condition::{Level, Uniform};
 

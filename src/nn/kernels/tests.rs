@@ -23,7 +23,7 @@ fn a_sum_takes_every_value_once() {
         assert_eq!(sum(&values), (n * (n - 1)) as f32 / 2.0);
     }
 }
-use crate::rng::{Draws, Purpose};
+use crate::base::rng::{Draws, Purpose};
 use proptest::prelude::*;
 
 /// Every instruction set that this machine has, because each one is a code path.

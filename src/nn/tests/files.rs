@@ -1,7 +1,7 @@
 //! Files that are not what they should be: each is an error with words, none a panic.
 
 use super::*;
-use crate::error::Error;
+use crate::base::error::Error;
 use proptest::prelude::*;
 use serde_json::{Map, Value, json};
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! State dicts that are not what they should be. Those that are good are in `tests/policies.rs`.
 
 use super::*;
-use crate::error::Error;
+use crate::base::error::Error;
 use crate::nn::state_dict::StateDict;
 use proptest::prelude::*;
 use std::io::{Cursor, Write};
@@ -12,7 +12,7 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/import").join(name)
 }
 
-fn read(bytes: &[u8]) -> crate::error::Result<StateDict> {
+fn read(bytes: &[u8]) -> crate::base::error::Result<StateDict> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("agent.th");
     std::fs::write(&path, bytes).unwrap();
@@ -109,7 +109,7 @@ fn tensors_that_are_not_in_the_file() {
     failed(&archive(&tensor("FloatStorage", b"K\x02K\x02", b"K\x03K\x09")), "contiguous");
 }
 
-fn import_with(dims: &Dims, actors: &str, predictor: &str) -> crate::error::Result<Policy> {
+fn import_with(dims: &Dims, actors: &str, predictor: &str) -> crate::base::error::Result<Policy> {
     let predictors = [("value-aware".to_string(), data(predictor))];
     import(&data(actors), &predictors, dims, Meta::new("toy", 0))
 }

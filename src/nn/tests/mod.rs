@@ -8,7 +8,7 @@ mod predictor;
 
 use super::reference as oracle;
 use super::*;
-use crate::rng::{Draws, Purpose};
+use crate::base::rng::{Draws, Purpose};
 
 /// A small task.
 fn dims() -> Dims {

@@ -1,8 +1,8 @@
 //! Gradients against candle's autograd.
 
 use super::*;
+use crate::base::rng::{Draws, Purpose};
 use crate::nn::{ActorKind, Dims, Networks, PredictorSpec, Sharing, TensorSpec, critic_tensors};
-use crate::rng::{Draws, Purpose};
 use crate::train::parameters::Parameters;
 use proptest::prelude::*;
 

@@ -10,8 +10,8 @@ use super::batch::gather;
 use super::memory::{Buffer, Flat};
 use super::network::Network;
 use super::*;
+use crate::base::rng::{Draws, Purpose};
 use crate::nn::{ActorKind, Dims, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
-use crate::rng::{Draws, Purpose};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
+use crate::environment::Task;
 use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, key};
 use crate::train::{Backend, Batch, CriticInput, Estimator, Objective, PredictorSettings, Settings};
-use crate::world::Task;
 
 /// `config.json`.
 #[derive(Debug, Deserialize)]

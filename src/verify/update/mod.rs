@@ -11,10 +11,10 @@ use std::path::Path;
 
 use self::file::{Config, UpdateFile};
 use super::{Comparison, Deviations, FileKind};
-use crate::agents::dims;
-use crate::error::{Error, Result};
+use crate::agent::dims;
+use crate::base::error::{Error, Result};
+use crate::environment::Task;
 use crate::train::{Parameters, Team};
-use crate::world::Task;
 
 /// Largest deviation of an advantage: a difference of two sums in f32 that add in another order.
 const ADVANTAGES: f64 = 1e-4;

@@ -5,11 +5,11 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use super::{Imputer, ImputerName, Inbox, JointLayout, PolicySource};
+use crate::base::error::Result;
+use crate::base::rng::{Draws, Purpose};
 use crate::bus::Layout;
-use crate::error::Result;
+use crate::environment::{N_ACTIONS, Task};
 use crate::nn::{Actor, ActorState, Policy, Scratch};
-use crate::rng::{Draws, Purpose};
-use crate::world::{N_ACTIONS, Task};
 
 /// What every agent of a team runs with.
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -1,10 +1,10 @@
 //! An agent on the bus: the phases of its tick by name.
 
 use super::{Agent, Mailbox};
+use crate::base::error::Result;
+use crate::base::scheduling::Granted;
 use crate::bus::{AgentPort, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, now_ns};
-use crate::error::Result;
 use crate::failed;
-use crate::scheduling::Granted;
 
 /// One agent and its port. The same code runs as a process and in-process.
 ///
@@ -181,9 +181,9 @@ impl<P: AgentPort> Member<P> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agents::{AgentSettings, PolicySource};
+    use crate::agent::{AgentSettings, PolicySource};
     use crate::bus::{LocalHub, LocalPort, LocalSample};
-    use crate::world::Task;
+    use crate::environment::Task;
 
     /// A member that is told which weights are in force at the beginning of an episode.
     fn told(in_force: u64) -> (LocalHub, Member<LocalPort>, usize) {

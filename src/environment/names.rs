@@ -1,8 +1,8 @@
 //! How tasks are called: ids, the paper's names, the reference environments' ids, and families of any N.
 
 use super::task::Family;
-use crate::error::{Error, Result};
-use crate::rng::MAX_AGENTS;
+use crate::base::error::{Error, Result};
+use crate::base::rng::MAX_AGENTS;
 use crate::usage;
 
 /// A task with a name of its own.
@@ -123,7 +123,7 @@ fn edit_distance(from: &str, to: &str) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::Task;
+    use crate::environment::Task;
 
     fn id_of(name: &str) -> String {
         Task::parse(name).unwrap().id().to_string()

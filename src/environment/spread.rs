@@ -90,7 +90,7 @@ pub(super) fn reward(world: &mut World) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::MAX_AGENTS;
+    use crate::base::rng::MAX_AGENTS;
 
     #[test]
     fn agents_shrink_as_the_team_grows() {

@@ -1,7 +1,7 @@
 //! What reached an agent. Loss is applied here and nowhere else.
 
+use crate::base::rng::MAX_AGENTS;
 use crate::bus::{Header, Kind, Sample};
-use crate::rng::MAX_AGENTS;
 
 /// Keeps the newest message of each peer, in place where it was received.
 #[derive(Debug)]

@@ -6,18 +6,24 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::{Imputer, JointLayout};
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::environment::{N_ACTIONS, Task};
 use crate::nn::{ActorKind, Aligned, Dims, Networks, Policy};
-use crate::world::{N_ACTIONS, Task};
 use crate::{failed, usage};
 
 /// The policies inside the program: (task, policy file).
 pub static BUILTIN: [(&str, &Aligned<[u8]>); 5] = [
-    ("hear-see", &Aligned(*include_bytes!("pretrained/hear-see/seed-0.safetensors"))),
-    ("speaker-listener", &Aligned(*include_bytes!("pretrained/speaker-listener/seed-0.safetensors"))),
-    ("spread-xy-2", &Aligned(*include_bytes!("pretrained/spread-xy-2/seed-0.safetensors"))),
-    ("spread-xy-4", &Aligned(*include_bytes!("pretrained/spread-xy-4/seed-0.safetensors"))),
-    ("spread-blindfold", &Aligned(*include_bytes!("pretrained/spread-blindfold/seed-0.safetensors"))),
+    ("hear-see", &Aligned(*include_bytes!("../../agents/pretrained/hear-see/seed-0.safetensors"))),
+    (
+        "speaker-listener",
+        &Aligned(*include_bytes!("../../agents/pretrained/speaker-listener/seed-0.safetensors")),
+    ),
+    ("spread-xy-2", &Aligned(*include_bytes!("../../agents/pretrained/spread-xy-2/seed-0.safetensors"))),
+    ("spread-xy-4", &Aligned(*include_bytes!("../../agents/pretrained/spread-xy-4/seed-0.safetensors"))),
+    (
+        "spread-blindfold",
+        &Aligned(*include_bytes!("../../agents/pretrained/spread-blindfold/seed-0.safetensors")),
+    ),
 ];
 
 /// The predictor that is used if the policy has it and nobody says otherwise.

@@ -2,8 +2,8 @@
 
 use super::physics::Physics;
 use super::{N_ACTIONS, hear_see, names, speaker_listener, spread};
-use crate::error::Result;
-use crate::rng::MAX_AGENTS;
+use crate::base::error::Result;
+use crate::base::rng::MAX_AGENTS;
 use crate::usage;
 
 /// A task, and with it the shape of everything that depends on it.
@@ -32,7 +32,7 @@ impl Task {
     /// `spread-xy-N` (N even) or `spread-blindfold-N` for a team of N.
     ///
     /// # Errors
-    /// [`Usage`](crate::error::Error::Usage) if there is none, with the names or team sizes there are.
+    /// [`Usage`](crate::base::error::Error::Usage) if there is none, with the names or team sizes there are.
     pub fn parse(name: &str) -> Result<Task> {
         names::find(name).map(|(family, n_agents)| Task::new(family, n_agents))
     }
@@ -45,7 +45,7 @@ impl Task {
     /// The task for a team of `n` where none is named.
     ///
     /// # Errors
-    /// [`Usage`](crate::error::Error::Usage) if there is none, with the team sizes that have one.
+    /// [`Usage`](crate::base::error::Error::Usage) if there is none, with the team sizes that have one.
     pub fn by_team_size(n: usize) -> Result<Task> {
         match n {
             2 => Ok(Task::new(Family::HearSee, n)),

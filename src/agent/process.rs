@@ -6,10 +6,10 @@ use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 
 use super::{Agent, AgentSettings, Member, Sensed};
+use crate::base::error::Result;
+use crate::base::scheduling::Scheduling;
 use crate::bus::{AgentSharedPort, SwarmAddress, Wait, wait_for_moment, wait_until, wake_on_time};
-use crate::error::Result;
 use crate::failed;
-use crate::scheduling::Scheduling;
 
 /// How long an agent waits for its peers before it acts without those that are missing. In lockstep the
 /// supervisor ends the swarm before that, and refuses a decision made without them.

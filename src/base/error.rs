@@ -52,11 +52,11 @@ impl Error {
 /// Shorthand for [`Error::Usage`] with a formatted message.
 #[macro_export]
 macro_rules! usage {
-    ($($words:tt)*) => { $crate::error::Error::Usage(format!($($words)*)) };
+    ($($words:tt)*) => { $crate::base::error::Error::Usage(format!($($words)*)) };
 }
 
 /// Shorthand for [`Error::Failed`] with a formatted message.
 #[macro_export]
 macro_rules! failed {
-    ($($words:tt)*) => { $crate::error::Error::Failed(format!($($words)*)) };
+    ($($words:tt)*) => { $crate::base::error::Error::Failed(format!($($words)*)) };
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 
 /// What the names of files begin with that are not complete yet.
 pub const PART_OF_FILE: &str = ".vamaro-swarm-";

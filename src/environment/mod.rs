@@ -15,7 +15,7 @@ mod task;
 
 use glam::{DVec2, dvec2};
 
-use crate::rng::{Draws, Purpose};
+use crate::base::rng::{Draws, Purpose};
 pub use observed::{Observed, Unit};
 pub use physics::{Body, Physics};
 use task::Family;

@@ -1,8 +1,8 @@
 //! The imputer: completes what was received to an estimate of the joint observation.
 
 use super::Inbox;
+use crate::environment::Task;
 use crate::nn::{LstmState, Predictor, Scratch};
-use crate::world::Task;
 
 /// Where the parts of the joint observation are: `unique_1 .. unique_n, common`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

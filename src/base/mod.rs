@@ -1,0 +1,11 @@
+//! What everybody needs and nobody is about.
+
+pub mod distribution;
+pub mod error;
+pub mod file;
+pub mod machine;
+pub mod rng;
+pub mod scheduling;
+pub mod stats;
+pub mod table;
+pub mod threads;
