@@ -188,15 +188,15 @@ impl Episode {
 
 /// Writes a recording, episode by episode. The file appears when it is finished.
 #[derive(Debug)]
-pub struct Recorder {
+pub struct RecordingFile {
     file: AtomicFile,
     episodes: usize,
 }
 
-impl Recorder {
+impl RecordingFile {
     /// Starts a recording at `path`.
-    pub fn create(path: &Path, header: &Header) -> Result<Recorder> {
-        let mut recorder = Recorder { file: AtomicFile::create(path)?, episodes: 0 };
+    pub fn create(path: &Path, header: &Header) -> Result<RecordingFile> {
+        let mut recorder = RecordingFile { file: AtomicFile::create(path)?, episodes: 0 };
         let header = serde_json::to_string(header).expect("a header is plain data");
         let open = header.strip_suffix('}').expect("a struct is a JSON object");
         recorder.write(|file| write!(file, "{open},\"episodes\":["))?;

@@ -18,7 +18,7 @@ use vamaro_swarm::environment::{EPISODE_STEPS, Task, World};
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
-    Conduct, Decisions, InProcess, Processes, Session, Stage, Team, Tick, signals,
+    Audit, Conduct, Decisions, InProcess, Ledger, Processes, Session, Stage, Team, Tick, signals,
 };
 use vamaro_swarm::train::{self, Batch, Settings};
 
@@ -233,9 +233,12 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
         let mut ticks = Vec::with_capacity(EPISODES * EPISODE_STEPS);
         let team = Processes::start(&settings, &policy, conduct).unwrap();
         let links = LinkModel::new(Links::Level(0.5), 1, true);
-        let mut session = Session::new(&task, links, 1, settings.worlds).with_audit();
+        let mut session = Session::new(&task, links, 1, settings.worlds);
+        let (mut ledger, mut audit) = (Ledger::default(), Audit::default());
         let episodes = (EPISODES * settings.worlds) as u64;
-        session.play(&mut Counted { team, ticks: &mut ticks }, episodes, |_| {}).unwrap();
+        let mut team = Counted { team, ticks: &mut ticks };
+        session.play(&mut team, episodes, &mut [&mut ledger, &mut audit]).unwrap();
+        assert!(audit.holds());
         assert_eq!(ticks.len(), EPISODES * EPISODE_STEPS);
         for (at, pair) in ticks.windows(2).enumerate().skip(EPISODE_STEPS) {
             let ([begun, ended], [next, _]) = (pair[0], pair[1]);

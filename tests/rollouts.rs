@@ -15,8 +15,10 @@ use vamaro_swarm::bus::Wait;
 use vamaro_swarm::environment::{EPISODE_STEPS, Task, World};
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
-use vamaro_swarm::recording::{Header, Recorder, Recording};
-use vamaro_swarm::supervisor::{Decisions, InProcess, Processes, Session, Stage, Team, Tick, signals};
+use vamaro_swarm::recording::{Header, Recording};
+use vamaro_swarm::supervisor::{
+    Decisions, InProcess, Processes, Recorder, Session, Stage, Team, Tick, signals,
+};
 use vamaro_swarm::train::{Batch, Rollout};
 
 const SEED: u64 = 4;
@@ -235,10 +237,10 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
             comm_at_t0: None,
             version: None,
         };
-        let mut session = Session::new(task, case.links(), SEED, settings.worlds)
-            .with_recorder(Recorder::create(&file, &header).unwrap());
-        session.play(&mut case.in_process(3, 0), 7, |_| {}).unwrap();
-        session.finish().unwrap();
+        let mut recorder = Recorder::create(&file, &header).unwrap();
+        let mut session = Session::new(task, case.links(), SEED, settings.worlds);
+        session.play(&mut case.in_process(3, 0), 7, &mut [&mut recorder]).unwrap();
+        recorder.finish().unwrap();
         let recording = Recording::read(&file).unwrap();
 
         // Episodes 4, 5 and 6 are columns 4, 0 and 1 of five.

@@ -17,8 +17,10 @@ use crate::bus::Wait;
 use crate::environment::{EPISODE_STEPS, Task};
 use crate::link::{CommunicationMatrix, LinkModel, Links, complement};
 use crate::nn::{Policy, PolicyFile};
-use crate::recording::{Header, Recorder};
-use crate::supervisor::{Audit, Conduct, InProcess, Processes, Session, Statistics, Team, signals};
+use crate::recording::Header;
+use crate::supervisor::{
+    Audit, Conduct, InProcess, Ledger, Observer, Processes, Recorder, Session, Statistics, Team, signals,
+};
 use crate::{failed, usage};
 
 /// Start a swarm, play episodes, and say how the team did
@@ -202,36 +204,34 @@ impl Spawn {
         &self,
         team: &mut impl Team,
         summary: &Summary,
-        recorder: Option<Recorder>,
+        mut recorder: Option<Recorder>,
     ) -> Result<(Statistics, Option<Audit>)> {
         if !self.json {
             print(&summary.first_line())?;
         }
         let links = LinkModel::new(summary.links.clone(), self.seed, summary.comm_at_t0);
         let mut session = Session::new(summary.task, links, self.seed, summary.settings.worlds);
-        if self.audit {
-            session = session.with_audit();
-        }
-        if let Some(recorder) = recorder {
-            session = session.with_recorder(recorder);
-        }
         let bar = progress_bar(self.episodes);
-        let played = session.play(team, self.episodes, |statistics| {
+        let mut ledger = Ledger::telling(|statistics| {
             if !bar.is_hidden() {
                 bar.set_message(progress_words(statistics));
             }
             bar.set_position(statistics.episodes().len() as u64);
         });
+        let mut audit = self.audit.then(Audit::default);
+        let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
+        observers.extend(audit.as_mut().map(|audit| audit as &mut dyn Observer));
+        observers.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
+        let played = session.play(team, self.episodes, &mut observers);
+        let statistics = ledger.into_statistics();
         bar.finish_and_clear();
         match played {
-            Ok(()) => session.finish(),
+            Ok(()) => recorder.map_or(Ok(()), Recorder::finish)?,
             // What is finished is worth reporting; half a recording is worth nothing.
-            Err(e @ Error::Interrupted(_)) => {
-                let (statistics, audit) = session.abandon();
-                if statistics.episodes().is_empty() { Err(e) } else { Ok((statistics, audit)) }
-            }
-            Err(e) => Err(e),
+            Err(Error::Interrupted(_)) if !statistics.episodes().is_empty() => {}
+            Err(e) => return Err(e),
         }
+        Ok((statistics, audit))
     }
 
     fn find_task(&self, policy: &PolicySource) -> Result<Task> {

@@ -1,10 +1,13 @@
 //! How far imputed values are from what was lost, by the time since something was last received.
 
+use std::time::Duration;
+
 use super::evaluation::{AgeErrors, Calibration, UnitErrors};
 use crate::agent::JointLayout;
+use crate::base::error::Result;
 use crate::environment::{EPISODE_STEPS, Observed, Task, Unit};
 use crate::nn::{LstmState, Policy, Predictor, Scratch, Sigma};
-use crate::supervisor::{Decisions, Tick};
+use crate::supervisor::{Decisions, Observer, Stage, Tick};
 
 /// Half the width of the central 50 % and 95 % intervals of a normal distribution, in sigma.
 const WITHIN_50: f64 = 0.674_489_750_196_082;
@@ -69,7 +72,7 @@ impl ErrorLedger {
     }
 
     /// An episode starts in each of `worlds` worlds.
-    pub(super) fn begin_episodes(&mut self, worlds: usize) {
+    fn restart(&mut self, worlds: usize) {
         let rows = self.layout.agents * worlds;
         restart(&mut self.ages, rows * self.layout.agents, None);
         restart(&mut self.open, worlds, Errors::default());
@@ -81,7 +84,7 @@ impl ErrorLedger {
     }
 
     /// Notes what the agents made of a tick.
-    pub(super) fn note_tick(&mut self, tick: &Tick, decisions: &Decisions) {
+    fn note(&mut self, tick: &Tick, decisions: &Decisions) {
         let agents = self.layout.agents;
         for row in 0..agents * tick.worlds {
             let ages = &mut self.ages[row * agents..(row + 1) * agents];
@@ -122,7 +125,7 @@ impl ErrorLedger {
     }
 
     /// The episodes are over.
-    pub(super) fn end_episodes(&mut self) {
+    fn close(&mut self) {
         for errors in &self.open {
             for (sum, errors) in self.finished.as_flattened_mut().iter_mut().zip(errors.as_flattened()) {
                 sum.add(errors);
@@ -138,6 +141,23 @@ impl ErrorLedger {
             Some(UnitErrors { unit, ages: ages[..=oldest].to_vec() })
         };
         Unit::ALL.into_iter().filter_map(of).collect()
+    }
+}
+
+impl Observer for ErrorLedger {
+    fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
+        self.restart(stage.worlds().len());
+        Ok(())
+    }
+
+    fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
+        self.note(&stage.tick(), decisions);
+        Ok(())
+    }
+
+    fn end_episodes(&mut self, _stage: &Stage) -> Result<()> {
+        self.close();
+        Ok(())
     }
 }
 
@@ -186,7 +206,7 @@ mod tests {
     fn four_steps(imputer: &str, received: [bool; 4]) -> Vec<UnitErrors> {
         let (task, policy) = sure_of_nothing();
         let mut ledger = ErrorLedger::new(&task, &policy, imputer);
-        ledger.begin_episodes(1);
+        ledger.restart(1);
         let hears = [0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let sees = [1.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0];
         let observations = [hears, sees].concat();
@@ -202,9 +222,9 @@ mod tests {
             let step = step as u32;
             let (observations, rows) = (&observations, &[0, 0]);
             let tick = Tick { episode: 0, step, tick: 1, worlds: 1, observations, rows };
-            ledger.note_tick(&tick, &decisions);
+            ledger.note(&tick, &decisions);
         }
-        ledger.end_episodes();
+        ledger.close();
         ledger.finish()
     }
 

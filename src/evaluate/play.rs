@@ -7,7 +7,7 @@ use crate::base::rng::{Draws, Purpose};
 use crate::environment::{EPISODE_STEPS, Task, World};
 use crate::link::{LinkModel, Links};
 use crate::nn::Policy;
-use crate::supervisor::{Decisions, Stage, Team, signals};
+use crate::supervisor::{Ledger, Session, Team, signals};
 
 /// Episodes of an evaluation are numbered from here on: those of training from 0, its tests' from 2^48, so no
 /// policy has seen their initial states.
@@ -25,26 +25,11 @@ pub(super) fn play(
 ) -> Result<Outcome> {
     let links = LinkModel::new(links, settings.seed, settings.comm_at_t0);
     let end = FIRST_EPISODE + settings.episodes;
-    let mut stage = Stage::new(task, links, settings.seed, worlds).starting_at(FIRST_EPISODE);
-    let mut errors = ErrorLedger::new(task, policy, imputer);
-    let mut decisions = Decisions::default();
-    let mut returns = vec![0.0; settings.episodes as usize];
-    while stage.next_episode() < end {
-        let first = (stage.next_episode() - FIRST_EPISODE) as usize;
-        stage.begin_episodes(end);
-        errors.begin_episodes(stage.worlds().len());
-        for _ in 0..EPISODE_STEPS {
-            signals::check_stop()?;
-            stage.sense();
-            stage.draw_links();
-            team.tick(&stage.tick(), &mut decisions)?;
-            errors.note_tick(&stage.tick(), &decisions);
-            stage.step_worlds(&decisions.actions);
-            let earned = stage.worlds().iter().map(World::team_reward);
-            returns[first..].iter_mut().zip(earned).for_each(|(sum, reward)| *sum += reward);
-        }
-        errors.end_episodes();
-    }
+    let mut session = Session::new(task, links, settings.seed, worlds).starting_at(FIRST_EPISODE);
+    let (mut ledger, mut errors) = (Ledger::default(), ErrorLedger::new(task, policy, imputer));
+    session.play(team, end, &mut [&mut ledger, &mut errors])?;
+    let statistics = ledger.into_statistics();
+    let returns = statistics.episodes().iter().map(|episode| episode.episode_return).collect();
     Ok(Outcome { returns, errors: errors.finish() })
 }
 

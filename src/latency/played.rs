@@ -9,10 +9,10 @@ use super::pin::Pinned;
 use crate::agent::{AgentSettings, ImputerName, PREFERRED, PolicySource, dims, paper_actor};
 use crate::base::error::{Error, Result};
 use crate::bus::Wait;
-use crate::environment::{EPISODE_STEPS, Task};
+use crate::environment::Task;
 use crate::link::{LinkModel, Links};
 use crate::nn::{Networks, Policy};
-use crate::supervisor::{Decisions, Processes, Stage, Team};
+use crate::supervisor::{AgentTimes, Decisions, Observer, Processes, Session, Stage};
 
 /// What a team of some size plays with: its task, and the paper's networks with random weights in a file.
 #[derive(Debug)]
@@ -52,9 +52,8 @@ impl Setup {
 /// A swarm of processes at play, all of whose observations are delivered.
 #[derive(Debug)]
 pub struct Played {
-    stage: Stage,
+    session: Session,
     team: Processes,
-    decisions: Decisions,
 }
 
 impl Played {
@@ -66,8 +65,7 @@ impl Played {
         let settings = AgentSettings { policy, imputer, worlds, ..AgentSettings::for_task(task) };
         let team = Processes::start(&settings, &settings.policy.load(task)?, wait)?;
         let links = LinkModel::new(Links::Level(1.0), settings.seed, true);
-        let stage = Stage::new(task, links, settings.seed, worlds);
-        Ok(Played { stage, team, decisions: Decisions::default() })
+        Ok(Played { session: Session::new(task, links, settings.seed, worlds), team })
     }
 
     /// The agents.
@@ -75,32 +73,50 @@ impl Played {
         &self.team
     }
 
-    /// Plays one step; how long it took from the first sensor message to the last decision.
-    pub fn tick(&mut self) -> Result<Duration> {
-        let Played { stage, team, decisions } = self;
-        if stage.tick().worlds == 0 || stage.tick().step as usize == EPISODE_STEPS {
-            stage.begin_episodes(u64::MAX);
-        }
-        stage.sense();
-        stage.draw_links();
-        let began = Instant::now();
-        team.tick(&stage.tick(), decisions)?;
-        let elapsed = began.elapsed();
-        stage.step_worlds(&decisions.actions);
-        Ok(elapsed)
+    /// Plays one step.
+    pub fn tick(&mut self) -> Result<()> {
+        self.play_until(Stopwatch::new(Duration::ZERO, 1, |_: &[AgentTimes], _| {}))
     }
 
-    /// Plays for so long, at least ten steps, after a tenth of it to warm up, and tells `each` of the steps after that.
-    /// Each process has a core of its own where there are enough.
-    pub fn play(&mut self, longest: Duration, mut each: impl FnMut(&Processes, Duration)) -> Result<()> {
+    /// Plays for so long, at least ten steps, after a tenth of it to warm up, and tells `each` of the steps after that:
+    /// the agents' times, and the time from the first sensor message to the last decision. Each process has a core of
+    /// its own where there are enough.
+    pub fn play(&mut self, longest: Duration, each: impl FnMut(&[AgentTimes], Duration)) -> Result<()> {
         let processes: Vec<u32> = self.team.process_ids().collect();
         let _pinned = Pinned::new(&processes);
-        super::repeat(longest, |counts| {
-            let elapsed = self.tick()?;
-            if counts {
-                each(&self.team, elapsed);
-            }
-            Ok(())
-        })
+        self.play_until(Stopwatch::new(longest / 10, 5, |_: &[AgentTimes], _| {}))?;
+        self.play_until(Stopwatch::new(longest, 10, each))
+    }
+
+    fn play_until<F: FnMut(&[AgentTimes], Duration)>(&mut self, mut stopwatch: Stopwatch<F>) -> Result<()> {
+        self.session.play(&mut self.team, u64::MAX, &mut [&mut stopwatch])
+    }
+}
+
+/// Ends the play when it has lasted long enough.
+struct Stopwatch<F> {
+    began: Instant,
+    longest: Duration,
+    /// Ticks that are still to be played, however long it takes.
+    least: u32,
+    /// Is told of each tick.
+    each: F,
+}
+
+impl<F: FnMut(&[AgentTimes], Duration)> Stopwatch<F> {
+    fn new(longest: Duration, least: u32, each: F) -> Stopwatch<F> {
+        Stopwatch { began: Instant::now(), longest, least, each }
+    }
+}
+
+impl<F: FnMut(&[AgentTimes], Duration)> Observer for Stopwatch<F> {
+    fn ticked(&mut self, _stage: &Stage, decisions: &Decisions, exchange: Duration) -> Result<()> {
+        self.least = self.least.saturating_sub(1);
+        (self.each)(&decisions.times, exchange);
+        Ok(())
+    }
+
+    fn has_seen_enough(&self) -> bool {
+        self.least == 0 && self.began.elapsed() >= self.longest
     }
 }

@@ -51,9 +51,9 @@ impl Tick {
             policy: Distribution::default(),
             age: Distribution::default(),
         };
-        Played::start(setup, worlds, wait)?.play(longest, |team, elapsed| {
+        Played::start(setup, worlds, wait)?.play(longest, |times, elapsed| {
             measured.tick.record(elapsed.as_nanos() as u64);
-            measured.record(team.times());
+            measured.record(times);
         })?;
         let mut bare = BareTeam::start(agents, payload, wait)?;
         bare.play(longest, |elapsed| measured.bare.record(elapsed.as_nanos() as u64))?;

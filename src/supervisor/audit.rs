@@ -1,8 +1,10 @@
 //! The audit: where each part of each policy input came from, held against what was sent.
 
 use std::fmt;
+use std::time::Duration;
 
-use super::{Decisions, Tick};
+use super::{Decisions, Observer, Stage, Tick};
+use crate::base::error::Result;
 use crate::environment::Task;
 
 /// Counts the parts of policy inputs by origin. A part is the unique part of one agent's observation.
@@ -22,9 +24,16 @@ pub struct Audit {
     pub leaked: u64,
 }
 
+impl Observer for Audit {
+    fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
+        self.tick(stage.task(), &stage.tick(), decisions);
+        Ok(())
+    }
+}
+
 impl Audit {
     /// Looks at one tick.
-    pub(super) fn tick(&mut self, task: &Task, tick: &Tick, decisions: &Decisions) {
+    fn tick(&mut self, task: &Task, tick: &Tick, decisions: &Decisions) {
         let (agents, worlds) = (task.n_agents(), tick.worlds);
         let (joint, predicted) = (task.joint_dim(), task.predicted_dim());
         let (unique, common) = (task.unique_dim(), task.common_dim());

@@ -1,76 +1,68 @@
-//! What is noted of each tick: statistics always, an audit and a recording on request.
+//! The ledger: what is counted of every episode.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use super::{Audit, Decisions, EpisodeStatistics, Stage, Statistics, Tick};
+use super::{Decisions, EpisodeStatistics, Observer, Stage, Statistics, Tick};
 use crate::base::error::Result;
-use crate::environment::{N_ACTIONS, Task};
-use crate::recording::{Episode, Recorder};
+use crate::environment::Task;
 
-/// Notes what happens on a [`Stage`].
-#[derive(Debug, Default)]
-pub(super) struct Ledger {
-    pub(super) statistics: Statistics,
-    pub(super) audit: Option<Audit>,
-    pub(super) recorder: Option<Recorder>,
+/// Counts what happens, episode by episode.
+#[derive(Default)]
+pub struct Ledger<'a> {
+    statistics: Statistics,
     /// The episodes being played, one per world.
     playing: Vec<EpisodeStatistics>,
-    /// The same, if they are recorded.
-    recording: Vec<Episode>,
+    /// When the first episode began.
+    began: Option<Instant>,
+    told: Option<Box<dyn FnMut(&Statistics) + 'a>>,
 }
 
-impl Ledger {
-    /// Opens a page for each world.
-    pub(super) fn begin_episodes(&mut self, stage: &Stage) {
-        self.playing.clear();
-        self.playing.resize(stage.worlds().len(), EpisodeStatistics::default());
-        self.recording.clear();
-        if self.recorder.is_some() {
-            for (world, number) in stage.worlds().iter().zip(stage.tick().episode..) {
-                let (episode, p) = (Some(number), stage.links().level(number));
-                self.recording.push(Episode { episode, p, ..Episode::begin(world) });
-            }
-        }
+impl<'a> Ledger<'a> {
+    /// A ledger that tells `told` what it has counted whenever episodes are over.
+    pub fn telling(told: impl FnMut(&Statistics) + 'a) -> Ledger<'a> {
+        Ledger { told: Some(Box::new(told)), ..Ledger::default() }
     }
 
-    /// Notes what the agents saw and decided, before the worlds move on.
-    pub(super) fn note_tick(&mut self, stage: &Stage, decisions: &Decisions, time: Duration) {
+    /// What was counted: finished episodes, but all ticks.
+    pub fn into_statistics(self) -> Statistics {
+        self.statistics
+    }
+}
+
+impl Observer for Ledger<'_> {
+    fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
+        self.began.get_or_insert_with(Instant::now);
+        self.playing.clear();
+        self.playing.resize(stage.worlds().len(), EpisodeStatistics::default());
+        Ok(())
+    }
+
+    fn ticked(&mut self, stage: &Stage, decisions: &Decisions, exchange: Duration) -> Result<()> {
         let (task, tick) = (stage.task(), stage.tick());
-        self.statistics.push_tick(time);
+        self.statistics.push_tick(exchange);
         for (world, episode) in self.playing.iter_mut().enumerate() {
             episode.due += task.n_agents() as u64;
             episode.missed += u64::from(decisions.missing.count_ones());
             count_deliveries(task, &tick, decisions, world, episode);
             sum_imputation_errors(task, &tick, decisions, world, episode);
         }
-        if let Some(audit) = &mut self.audit {
-            audit.tick(task, &tick, decisions);
-        }
-        for (world, episode) in self.recording.iter_mut().enumerate() {
-            record_tick(task, &tick, decisions, world, episode);
-        }
+        Ok(())
     }
 
-    /// Notes where the actions led.
-    pub(super) fn note_worlds(&mut self, stage: &Stage) {
+    fn stepped(&mut self, stage: &Stage, _decisions: &Decisions) -> Result<()> {
         for (world, episode) in stage.worlds().iter().zip(&mut self.playing) {
             episode.episode_return += world.team_reward();
         }
-        for (world, episode) in stage.worlds().iter().zip(&mut self.recording) {
-            episode.push_state(world);
-            episode.agent_reward.push(world.agent_rewards().to_vec());
-            episode.team_reward.push(world.team_reward());
-            episode.episode_return += world.team_reward();
-        }
+        self.statistics.set_elapsed(self.began.map_or(Duration::ZERO, |began| began.elapsed()));
+        Ok(())
     }
 
-    /// Closes the pages.
-    pub(super) fn end_episodes(&mut self) -> Result<()> {
+    fn end_episodes(&mut self, _stage: &Stage) -> Result<()> {
         self.playing.drain(..).for_each(|episode| self.statistics.push_episode(episode));
-        match &mut self.recorder {
-            Some(recorder) => self.recording.drain(..).try_for_each(|episode| recorder.push(&episode)),
-            None => Ok(()),
+        if let Some(told) = &mut self.told {
+            told(&self.statistics);
         }
+        Ok(())
     }
 }
 
@@ -112,18 +104,4 @@ fn sum_imputation_errors(
             episode.imputed += unique as u64;
         }
     }
-}
-
-fn record_tick(task: &Task, tick: &Tick, decisions: &Decisions, world: usize, episode: &mut Episode) {
-    let (agents, joint) = (task.n_agents(), task.joint_dim());
-    let rows = || (0..agents).map(|agent| agent * tick.worlds + world);
-    let bits = |row: u64| (0..agents).map(|sender| (row >> sender & 1) as u8).collect();
-    episode.obs.push((0..agents).map(|agent| tick.observation(task, agent, world).to_vec()).collect());
-    episode.actions.push(rows().map(|row| decisions.actions[row]).collect());
-    episode.delivered.push(rows().map(|row| bits(decisions.used[row])).collect());
-    episode
-        .joint_estimate
-        .push(rows().map(|row| decisions.estimates[row * joint..][..joint].to_vec()).collect());
-    let logits = |(agent, row)| decisions.logits[row * N_ACTIONS..][..task.available_actions(agent)].to_vec();
-    episode.logits.push(rows().enumerate().map(logits).collect());
 }

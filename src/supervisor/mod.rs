@@ -1,7 +1,7 @@
 //! The supervisor: owns the worlds, the clock and the seeds, and the agents' processes.
 //!
 //! [`Session`] plays episodes with a [`Team`], in lockstep or by the clock: agents that run as processes of their own
-//! ([`Processes`]) or within this one ([`InProcess`]).
+//! ([`Processes`]) or within this one ([`InProcess`]). [`Observer`]s look on.
 
 mod audit;
 mod clock;
@@ -9,8 +9,10 @@ mod in_process;
 mod launch;
 mod ledger;
 mod needs;
+mod observer;
 mod processes;
 mod punctuality;
+mod recorder;
 mod session;
 pub mod signals;
 mod stage;
@@ -19,15 +21,17 @@ mod statistics;
 pub use audit::Audit;
 pub use in_process::InProcess;
 pub(crate) use launch::{ChildProcess, reap};
-pub use processes::{AgentTimes, Conduct, Processes};
+pub use ledger::Ledger;
+pub use observer::Observer;
+pub use processes::{Conduct, Processes};
 pub use punctuality::Punctuality;
+pub use recorder::Recorder;
 pub use session::Session;
 pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
 
-use self::ledger::Ledger;
 use crate::base::error::Result;
-use crate::bus::{Decision, Header, Layout, now_ns};
+use crate::bus::{Decision, DecisionTimes, Header, Layout, now_ns};
 use crate::environment::Task;
 use crate::failed;
 use crate::nn::kernels::all_finite;
@@ -63,6 +67,20 @@ pub struct Decisions {
     /// The agents that did not decide in time, bit by bit. Their actions are those of the tick before, or 0 if the
     /// episode has just begun; what else there is of them is old.
     pub missing: u64,
+    /// When each agent did what it does in a tick.
+    pub times: Vec<AgentTimes>,
+}
+
+/// When an agent did what it does in a tick, by its own word: nanoseconds of the monotonic clock, which is the same
+/// for all processes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AgentTimes {
+    /// It published its observation.
+    pub published_ns: u64,
+    /// It had all observations, and had fused them.
+    pub decision: DecisionTimes,
+    /// It published its decision.
+    pub decided_ns: u64,
 }
 
 /// A team of agents.
@@ -129,6 +147,7 @@ impl Decisions {
         self.used.resize(rows, 0);
         self.estimates.resize(rows * layout.joint, 0.0);
         self.logits.resize(rows * layout.logits, 0.0);
+        self.times.resize(agents, AgentTimes::default());
     }
 
     /// The agents of a team of so many that decided in time.
@@ -150,6 +169,7 @@ impl Decisions {
         let (estimates, logits) = (decision.estimates, decision.logits);
         self.estimates[agent * estimates.len()..][..estimates.len()].copy_from_slice(estimates);
         self.logits[agent * logits.len()..][..logits.len()].copy_from_slice(logits);
+        self.times[agent].decision = decision.times;
         Ok(())
     }
 

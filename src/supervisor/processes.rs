@@ -12,8 +12,8 @@ use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::Result;
 use crate::base::scheduling::{Granted, Grants, Scheduling, allowed_cores};
 use crate::bus::{
-    DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress,
-    SwarmDirectory, Wait, now_ns, wait_for_moment, wait_until, wake_on_time,
+    Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
+    now_ns, wait_for_moment, wait_until, wake_on_time,
 };
 use crate::environment::Task;
 use crate::failed;
@@ -41,8 +41,6 @@ pub struct Processes {
     clock: Option<Clock>,
     /// Agents that have done what the current phase waits for, bit by bit.
     answered: u64,
-    /// Per agent, of its last tick.
-    times: Vec<AgentTimes>,
     /// What each agent was granted, by its own word.
     granted: Vec<Granted>,
     grants: Option<Grants>,
@@ -66,18 +64,6 @@ impl From<Wait> for Conduct {
     fn from(wait: Wait) -> Conduct {
         Conduct { wait, ..Conduct::default() }
     }
-}
-
-/// When an agent did what it does in a tick, by its own word: nanoseconds of the monotonic clock, which is the same
-/// for all processes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct AgentTimes {
-    /// It published its observation.
-    pub published_ns: u64,
-    /// It had all observations, and had fused them.
-    pub decision: DecisionTimes,
-    /// It published its decision.
-    pub decided_ns: u64,
 }
 
 impl Processes {
@@ -113,7 +99,6 @@ impl Processes {
             wait,
             clock: rate.map(|rate| Clock::new(rate, team)),
             answered: 0,
-            times: vec![AgentTimes::default(); team],
             granted: vec![Granted::default(); team],
             grants: None,
             _directory: directory,
@@ -157,15 +142,12 @@ impl Processes {
         self.grants.as_ref()
     }
 
-    /// When the agents did what they did in the last tick.
-    pub fn times(&self) -> &[AgentTimes] {
-        &self.times
-    }
-
     /// Everybody waits for everybody.
     fn tick_in_lockstep(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         self.send_sensors(tick, 0)?;
-        self.await_all("publish an observation", ANSWER_DEADLINE, |swarm| swarm.take_observations(tick))?;
+        self.await_all("publish an observation", ANSWER_DEADLINE, |swarm| {
+            swarm.take_observations(tick, decisions)
+        })?;
         self.wake_agents()?;
         self.await_all("decide", ANSWER_DEADLINE, |swarm| swarm.take_decisions(tick, decisions, u64::MAX))?;
         decisions.check_nobody_late(tick)
@@ -179,14 +161,14 @@ impl Processes {
         if tick.step == 0 {
             decisions.actions.fill(0);
         }
-        self.take_observations(tick)?;
+        self.take_observations(tick, decisions)?;
         // What is counted are decisions.
         self.answered = 0;
         self.take_decisions(tick, decisions, period.ends_ns)?;
         decisions.missing = self.everybody() & !self.answered;
         let clock = self.clock.as_mut().expect("a swarm in real time has a clock");
         let punctuality = &mut clock.punctuality;
-        for (agent, times) in self.times.iter().enumerate() {
+        for (agent, times) in decisions.times.iter().enumerate() {
             match decisions.missing >> agent & 1 {
                 0 => punctuality.acts.record(times.decided_ns.saturating_sub(period.deadline_ns)),
                 _ => punctuality.missed[agent] += 1,
@@ -276,11 +258,11 @@ impl Processes {
         Ok(())
     }
 
-    fn take_observations(&mut self, tick: &Tick) -> Result<()> {
+    fn take_observations(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         let words = self.layout.observation_words(tick.worlds);
         while let Some(sample) = self.port.receive_observation()? {
             if let Some(agent) = self.mark(&sample, Kind::Observation, tick.tick, words) {
-                self.times[agent].published_ns = sample.header().sent_ns;
+                decisions.times[agent].published_ns = sample.header().sent_ns;
             }
         }
         Ok(())
@@ -295,8 +277,7 @@ impl Processes {
             }
             if let Some(agent) = self.mark(&sample, Kind::Decision, tick.tick, words) {
                 let decision = self.layout.decision(sample.words(), tick.worlds);
-                let times = &mut self.times[agent];
-                (times.decision, times.decided_ns) = (decision.times, sample.header().sent_ns);
+                decisions.times[agent].decided_ns = sample.header().sent_ns;
                 decisions.take(&self.task, tick, agent, &decision)?;
             }
         }

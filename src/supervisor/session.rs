@@ -2,28 +2,22 @@
 
 use std::time::Instant;
 
-use super::{Audit, Decisions, Ledger, Stage, Statistics, Team, signals};
+use super::{Decisions, Observer, Stage, Team, signals};
 use crate::base::error::Result;
-use crate::environment::{EPISODE_STEPS, Task};
+use crate::environment::Task;
 use crate::link::LinkModel;
-use crate::recording::Recorder;
 
-/// Worlds and links, a team that plays in them, and a ledger of what happened.
+/// The one episode driver: worlds and links, in which a [`Team`] plays while [`Observer`]s look on.
 #[derive(Debug)]
 pub struct Session {
     stage: Stage,
     decisions: Decisions,
-    ledger: Ledger,
 }
 
 impl Session {
     /// A session in `worlds` parallel worlds.
     pub fn new(task: &Task, links: LinkModel, seed: u64, worlds: usize) -> Session {
-        Session {
-            stage: Stage::new(task, links, seed, worlds),
-            decisions: Decisions::default(),
-            ledger: Ledger::default(),
-        }
+        Session { stage: Stage::new(task, links, seed, worlds), decisions: Decisions::default() }
     }
 
     /// Begins with this episode instead of number 0.
@@ -32,56 +26,57 @@ impl Session {
         self
     }
 
-    /// Counts where the parts of policy inputs come from.
-    pub fn with_audit(mut self) -> Session {
-        self.ledger.audit = Some(Audit::default());
-        self
+    /// The first episode that has not been begun.
+    pub fn next_episode(&self) -> u64 {
+        self.stage.next_episode()
     }
 
-    /// Records all episodes.
-    pub fn with_recorder(mut self, recorder: Recorder) -> Session {
-        self.ledger.recorder = Some(recorder);
-        self
-    }
-
-    /// Plays all episodes numbered below `episodes` that it has not played, and tells `progress` after each batch of worlds.
+    /// Plays all episodes numbered below `end` that it has not played, or until an observer has seen enough.
+    ///
+    /// # Errors
+    /// `Interrupted` if the program was asked to stop; whatever the team or an observer fails with.
     pub fn play(
         &mut self,
         team: &mut impl Team,
-        episodes: u64,
-        mut progress: impl FnMut(&Statistics),
+        end: u64,
+        observers: &mut [&mut dyn Observer],
     ) -> Result<()> {
-        let Session { stage, decisions, ledger } = self;
-        let started = Instant::now();
-        while stage.next_episode() < episodes {
-            stage.begin_episodes(episodes);
-            ledger.begin_episodes(stage);
-            for _ in 0..EPISODE_STEPS {
-                signals::check_stop()?;
-                stage.sense();
-                stage.draw_links();
-                let exchange = Instant::now();
-                team.tick(&stage.tick(), decisions)?;
-                ledger.note_tick(stage, decisions, exchange.elapsed());
-                stage.step_worlds(&decisions.actions);
-                ledger.note_worlds(stage);
-                ledger.statistics.set_elapsed(started.elapsed());
-            }
-            ledger.end_episodes()?;
-            progress(&ledger.statistics);
+        while self.next_episode() < end && !observers.iter().any(|observer| observer.has_seen_enough()) {
+            self.play_episodes(team, end, observers)?;
         }
         Ok(())
     }
 
-    /// Gives the recording up, and hands out what was counted so far: finished episodes, but all ticks.
-    pub fn abandon(self) -> (Statistics, Option<Audit>) {
-        (self.ledger.statistics, self.ledger.audit)
-    }
-
-    /// Finishes the recording, if there is one, and hands out what was counted.
-    pub fn finish(self) -> Result<(Statistics, Option<Audit>)> {
-        let Ledger { statistics, audit, recorder, .. } = self.ledger;
-        recorder.map_or(Ok(()), Recorder::finish)?;
-        Ok((statistics, audit))
+    /// Plays one episode in each world.
+    fn play_episodes(
+        &mut self,
+        team: &mut impl Team,
+        end: u64,
+        observers: &mut [&mut dyn Observer],
+    ) -> Result<()> {
+        let Session { stage, decisions } = self;
+        stage.begin_episodes(end);
+        observers.iter_mut().try_for_each(|observer| observer.begin_episodes(stage))?;
+        stage.sense();
+        while stage.is_playing() {
+            signals::check_stop()?;
+            if observers.iter().any(|observer| observer.has_seen_enough()) {
+                return Ok(());
+            }
+            stage.draw_links();
+            let exchange = Instant::now();
+            team.tick(&stage.tick(), decisions)?;
+            let exchange = exchange.elapsed();
+            observers.iter_mut().try_for_each(|observer| observer.ticked(stage, decisions, exchange))?;
+            stage.step_worlds(&decisions.actions);
+            observers.iter_mut().try_for_each(|observer| observer.stepped(stage, decisions))?;
+            stage.sense();
+        }
+        if observers.iter().any(|observer| observer.wants_last_tick()) {
+            stage.draw_links();
+            team.tick(&stage.tick(), decisions)?;
+            observers.iter_mut().try_for_each(|observer| observer.last_ticked(stage, decisions))?;
+        }
+        observers.iter_mut().try_for_each(|observer| observer.end_episodes(stage))
     }
 }

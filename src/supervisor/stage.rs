@@ -2,7 +2,7 @@
 
 use super::Tick;
 use crate::base::rng::MAX_AGENTS;
-use crate::environment::{Task, World};
+use crate::environment::{EPISODE_STEPS, Task, World};
 use crate::link::LinkModel;
 
 /// Parallel worlds that play consecutive episodes, step by step together.
@@ -82,6 +82,11 @@ impl Stage {
         let rows = self.task.n_agents() * self.active;
         self.rows.resize(rows, 0);
         self.observations.resize(rows * self.task.padded_obs_dim(), 0.0);
+    }
+
+    /// Whether the episodes are under way.
+    pub fn is_playing(&self) -> bool {
+        (self.step as usize) < EPISODE_STEPS
     }
 
     /// Reads every agent's sensor.

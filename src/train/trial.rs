@@ -11,7 +11,7 @@ use crate::base::threads::side_by_side;
 use crate::environment::Task;
 use crate::link::{LinkModel, Links};
 use crate::nn::Policy;
-use crate::supervisor::{InProcess, Session};
+use crate::supervisor::{InProcess, Ledger, Session};
 
 /// The levels that are tested: probabilities of delivery.
 pub const LEVELS: [f64; 6] = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0];
@@ -83,8 +83,9 @@ fn play(
     let first = FIRST_EPISODE + row as u64 * config.test_episodes;
     let links = LinkModel::new(Links::Level(level), config.seed, true);
     let mut session = Session::new(task, links, config.seed, settings.worlds).starting_at(first);
-    session.play(&mut InProcess::new(&settings, policy)?, first + config.test_episodes, |_| {})?;
-    let (statistics, _) = session.finish()?;
+    let (mut team, mut ledger) = (InProcess::new(&settings, policy)?, Ledger::default());
+    session.play(&mut team, first + config.test_episodes, &mut [&mut ledger])?;
+    let statistics = ledger.into_statistics();
     let returns: Vec<f64> = statistics.episodes().iter().map(|episode| episode.episode_return).collect();
     Ok(Trial {
         imputer: imputer.to_string(),

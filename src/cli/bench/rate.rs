@@ -17,7 +17,9 @@ use crate::environment::Task;
 use crate::link::{LinkModel, Links};
 use crate::nn::Policy;
 use crate::plot::{Figure, Panel, Point, Series};
-use crate::supervisor::{Conduct, InProcess, Processes, Punctuality, Session, Statistics, Team, signals};
+use crate::supervisor::{
+    Conduct, InProcess, Ledger, Processes, Punctuality, Session, Statistics, Team, signals,
+};
 
 /// Real time: the return of a team against its rate, and what is late
 #[derive(Debug, Args)]
@@ -138,8 +140,9 @@ impl BenchRate {
     fn play(&self, task: &Task, p: f64, team: &mut impl Team) -> Result<Statistics> {
         const SEED: u64 = 0;
         let mut session = Session::new(task, LinkModel::new(Links::Level(p), SEED, true), SEED, 1);
-        session.play(team, self.episodes, |_| {})?;
-        Ok(session.finish()?.0)
+        let mut ledger = Ledger::default();
+        session.play(team, self.episodes, &mut [&mut ledger])?;
+        Ok(ledger.into_statistics())
     }
 }
 

@@ -1,0 +1,75 @@
+//! The recorder: a trace of everything that is played.
+
+use std::path::Path;
+use std::time::Duration;
+
+use super::{Decisions, Observer, Stage, Tick};
+use crate::base::error::Result;
+use crate::environment::{N_ACTIONS, Task};
+use crate::recording::{Episode, Header, RecordingFile};
+
+/// Writes down what the agents saw and thought, and what the worlds did.
+#[derive(Debug)]
+pub struct Recorder {
+    file: RecordingFile,
+    /// The episodes being played, one per world.
+    playing: Vec<Episode>,
+}
+
+impl Recorder {
+    /// Starts a trace at `path`.
+    pub fn create(path: &Path, header: &Header) -> Result<Recorder> {
+        Ok(Recorder { file: RecordingFile::create(path, header)?, playing: Vec::new() })
+    }
+
+    /// Puts the trace in its place. Without this there is none.
+    pub fn finish(self) -> Result<()> {
+        self.file.finish()
+    }
+}
+
+impl Observer for Recorder {
+    fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
+        self.playing.clear();
+        for (world, number) in stage.worlds().iter().zip(stage.tick().episode..) {
+            let (episode, p) = (Some(number), stage.links().level(number));
+            self.playing.push(Episode { episode, p, ..Episode::begin(world) });
+        }
+        Ok(())
+    }
+
+    fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
+        for (world, episode) in self.playing.iter_mut().enumerate() {
+            record_tick(stage.task(), &stage.tick(), decisions, world, episode);
+        }
+        Ok(())
+    }
+
+    fn stepped(&mut self, stage: &Stage, _decisions: &Decisions) -> Result<()> {
+        for (world, episode) in stage.worlds().iter().zip(&mut self.playing) {
+            episode.push_state(world);
+            episode.agent_reward.push(world.agent_rewards().to_vec());
+            episode.team_reward.push(world.team_reward());
+            episode.episode_return += world.team_reward();
+        }
+        Ok(())
+    }
+
+    fn end_episodes(&mut self, _stage: &Stage) -> Result<()> {
+        self.playing.drain(..).try_for_each(|episode| self.file.push(&episode))
+    }
+}
+
+fn record_tick(task: &Task, tick: &Tick, decisions: &Decisions, world: usize, episode: &mut Episode) {
+    let (agents, joint) = (task.n_agents(), task.joint_dim());
+    let rows = || (0..agents).map(|agent| agent * tick.worlds + world);
+    let bits = |row: u64| (0..agents).map(|sender| (row >> sender & 1) as u8).collect();
+    episode.obs.push((0..agents).map(|agent| tick.observation(task, agent, world).to_vec()).collect());
+    episode.actions.push(rows().map(|row| decisions.actions[row]).collect());
+    episode.delivered.push(rows().map(|row| bits(decisions.used[row])).collect());
+    episode
+        .joint_estimate
+        .push(rows().map(|row| decisions.estimates[row * joint..][..joint].to_vec()).collect());
+    let logits = |(agent, row)| decisions.logits[row * N_ACTIONS..][..task.available_actions(agent)].to_vec();
+    episode.logits.push(rows().enumerate().map(logits).collect());
+}
