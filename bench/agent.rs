@@ -17,7 +17,8 @@ fn numbers(len: usize) -> Vec<f32> {
 fn pieces(c: &mut Criterion) {
     let task = Task::parse("spread-xy-4").expect("a task");
     for kind in [ActorKind::Mlp, ActorKind::Gru] {
-        let policy = Policy::untrained(&dims(&task), 0, Networks::paper(kind)).expect("the paper's networks");
+        let policy =
+            Policy::untrained(&dims(task.spec()), 0, Networks::paper(kind)).expect("the paper's networks");
         let weights: Vec<&[f32]> = policy
             .tensors()
             .filter(|(spec, _)| spec.name.starts_with("actors.0.") && !spec.name.ends_with("_hh"))
@@ -28,10 +29,11 @@ fn pieces(c: &mut Criterion) {
         });
         for worlds in [1, 10] {
             let imputer = ImputerName::Predictor(PREFERRED.to_owned());
-            let settings = AgentSettings { imputer, worlds, ..AgentSettings::for_task(&task) };
+            let settings = AgentSettings { imputer, worlds, ..AgentSettings::of(task.spec()) };
             let mut agent = Agent::with_policy(&settings, &policy, 0).expect("an agent");
-            let observation = numbers(task.padded_obs_dim());
-            let inbox = Inbox::of(task.n_agents(), |_| Some(Received { tick: 1, observation: &observation }));
+            let observation = numbers(task.spec().padded_obs_dim());
+            let inbox =
+                Inbox::of(task.spec().n_agents(), |_| Some(Received { tick: 1, observation: &observation }));
             agent.begin_episode(worlds);
             c.bench_function(&format!("fuse, {kind}, {worlds} worlds"), |bencher| {
                 bencher.iter(|| (0..worlds).for_each(|world| _ = agent.fuse(world, &observation, &inbox)))
@@ -43,7 +45,7 @@ fn pieces(c: &mut Criterion) {
                 bencher.iter(|| agent.predict())
             });
             let mut actor = reference::Actor::new(&policy, 0, worlds);
-            let inputs = numbers(worlds * task.joint_dim());
+            let inputs = numbers(worlds * task.spec().joint_dim());
             c.bench_function(&format!("candle's actor, {kind}, {worlds} worlds"), |bencher| {
                 bencher.iter(|| actor.forward(worlds, &inputs))
             });

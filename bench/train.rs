@@ -5,10 +5,13 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 
 use vamaro_swarm::agent::dims;
-use vamaro_swarm::environment::{EPISODE_STEPS, Task};
+use vamaro_swarm::environment::Task;
 use vamaro_swarm::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, critic_tensors};
 use vamaro_swarm::train::network::{Kind, Network};
 use vamaro_swarm::train::{Backend, Batch, Parameters, Settings, Team};
+
+/// Steps of an episode of every built-in task.
+const EPISODE_STEPS: usize = 25;
 
 const BACKENDS: [Backend; 2] = [Backend::Native, Backend::Candle];
 
@@ -43,10 +46,10 @@ fn pass(c: &mut Criterion, name: &str, kind: Kind, specs: Vec<TensorSpec>, steps
 fn pieces(c: &mut Criterion) {
     for (kind, task) in SETTINGS {
         let (task, networks) = (Task::parse(task).expect("a task"), Networks::paper(kind));
-        let (dims, id) = (dims(&task), task.id());
+        let (dims, id) = (dims(task.spec()), task.id());
         let actor = networks.actor_tensors(0, &dims);
         pass(c, &format!("actor epoch, {kind}, {id}"), kind.into(), actor.clone(), EPISODE_STEPS);
-        let inputs = task.n_agents() * task.padded_obs_dim();
+        let inputs = task.spec().n_agents() * task.spec().padded_obs_dim();
         let critic = critic_tensors(Sharing::Separate, 0, inputs, networks.hidden);
         pass(c, &format!("critic epoch, {id}"), Kind::Mlp, critic, EPISODE_STEPS);
         let predictor = PredictorSpec::paper("maro").tensors(&dims);
@@ -63,23 +66,23 @@ fn pieces(c: &mut Criterion) {
 fn updates(c: &mut Criterion) {
     for (kind, task) in SETTINGS {
         let task = Task::parse(task).expect("a task");
-        let (n, rows) = (task.n_agents(), EPISODES * EPISODE_STEPS);
+        let (n, rows) = (task.spec().n_agents(), EPISODES * EPISODE_STEPS);
         let batch = Batch {
             episodes: EPISODES,
             steps: EPISODE_STEPS,
-            observations: numbers((rows + EPISODES) * n * task.padded_obs_dim()),
-            joint: numbers((rows + EPISODES) * task.joint_dim()),
+            observations: numbers((rows + EPISODES) * n * task.spec().padded_obs_dim()),
+            joint: numbers((rows + EPISODES) * task.spec().joint_dim()),
             estimates: Vec::new(),
             actions: (0..rows * n).map(|at| (at % 3) as u8).collect(),
             rewards: numbers(rows),
         };
-        let available: Vec<usize> = (0..n).map(|agent| task.available_actions(agent)).collect();
+        let available: Vec<usize> = (0..n).map(|agent| task.spec().available_actions(agent)).collect();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let mut group = c.benchmark_group("update");
         group.sample_size(20);
         for backend in BACKENDS {
             let settings = Settings { backend, ..Settings::paper(kind) };
-            let sizes = (dims(&task), task.padded_obs_dim());
+            let sizes = (dims(task.spec()), task.spec().padded_obs_dim());
             let mut team = Team::untrained(settings, &sizes.0, sizes.1, &available, 1, threads);
             group.bench_function(format!("{}, {threads} threads, {backend:?}", task.id()), |bencher| {
                 bencher.iter(|| team.update(&batch, &[]).critics.loss)

@@ -5,37 +5,37 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 
-use vamaro_swarm::environment::{Task, World};
+use vamaro_swarm::environment::{Outcome, Task};
 
 fn pieces(c: &mut Criterion) {
     for task in ["hear-see", "spread-xy-4", "spread-blindfold-12"] {
         let task = Task::parse(task).expect("a task");
-        let (mut world, id) = (World::new(&task), task.id());
+        let (spec, mut world, id) = (task.spec(), task.environment(1), task.id());
         let mut episode = 0;
         c.bench_function(&format!("reset, {id}"), |bencher| {
             bencher.iter(|| {
                 episode += 1;
-                world.reset(0, episode);
+                world.reset(0, 0, episode).expect("it can begin");
             })
         });
         let mut step = 0;
         c.bench_function(&format!("step and rewards, {id}"), |bencher| {
-            let mut actions = vec![0; task.n_agents()];
+            let mut actions = vec![0; spec.n_agents()];
+            let mut outcome = Outcome::of(1, spec.n_agents());
             bencher.iter(|| {
                 step += 1;
                 actions
                     .iter_mut()
                     .enumerate()
-                    .for_each(|(agent, action)| *action = ((step + agent) % 3) as u8);
-                world.step(&actions);
-                black_box(world.team_reward())
+                    .for_each(|(agent, action)| *action = ((step + agent) % 3) as u32);
+                world.step(&actions, &[true], &mut outcome).expect("it can step");
+                black_box(spec.team_reward(&outcome.rewards))
             })
         });
         c.bench_function(&format!("observations of all, {id}"), |bencher| {
-            let mut observations = vec![0.0; task.n_agents() * task.padded_obs_dim()];
+            let mut observations = vec![0.0; spec.n_agents() * spec.padded_obs_dim()];
             bencher.iter(|| {
-                let all = observations.chunks_exact_mut(task.padded_obs_dim());
-                all.enumerate().for_each(|(agent, observation)| world.observe(agent, observation));
+                world.observe(1, &mut observations).expect("it can be observed");
                 black_box(&observations);
             })
         });

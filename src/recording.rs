@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
-use crate::environment::{EPISODE_STEPS, World};
+use crate::environment::{ActionSpace, State};
 
 /// A file of recorded episodes.
 #[derive(Clone, Debug, Deserialize)]
@@ -32,7 +32,7 @@ pub struct Header {
     pub n_agents: usize,
     /// Landmarks in the world.
     pub n_landmarks: usize,
-    /// Steps of an episode, T.
+    /// Steps of the longest episode.
     pub episode_steps: usize,
     /// Kind of the actor network, `mlp` or `gru` (traces).
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -63,7 +63,7 @@ pub struct Header {
     pub version: Option<String>,
 }
 
-/// One episode: T steps, T + 1 states.
+/// One episode: T steps, T + 1 states; fewer states where the environment tells none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Episode {
     /// Number of the episode, part of the address of its draws (traces of this program).
@@ -81,7 +81,7 @@ pub struct Episode {
     /// `[T + 1][agent]`.
     pub agent_vel: Vec<Vec<DVec2>>,
     /// `[T][agent]`.
-    pub actions: Vec<Vec<u8>>,
+    pub actions: Vec<Vec<Action>>,
     /// `[T or T + 1][agent]`, each an observation, padded or not.
     pub obs: Vec<Vec<Vec<f32>>>,
     /// `[T][agent]` (recordings).
@@ -92,6 +92,9 @@ pub struct Episode {
     /// Undiscounted sum of the team rewards.
     #[serde(rename = "return")]
     pub episode_return: f64,
+    /// Whether the episode ended because nothing was left to earn, and not because time was up.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub terminated: bool,
     /// `[T][receiver][sender]`, 1 if delivered (traces).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub delivered: Vec<Vec<Vec<u8>>>,
@@ -101,6 +104,42 @@ pub struct Episode {
     /// `[T][agent][available action]` (traces).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub logits: Vec<Vec<Vec<f32>>>,
+}
+
+/// What an agent did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Action {
+    /// The number of a discrete action.
+    Discrete(u32),
+    /// Values.
+    Box(Vec<f32>),
+}
+
+impl Action {
+    /// What these words mean as an action of `space`.
+    pub fn of(space: &ActionSpace, words: &[u32]) -> Action {
+        match space {
+            ActionSpace::Discrete(_) => Action::Discrete(words[0]),
+            ActionSpace::Box { low, .. } => {
+                Action::Box(words[..low.len()].iter().map(|word| f32::from_bits(*word)).collect())
+            }
+        }
+    }
+
+    /// The words that mean it, zero-padded to `width`.
+    pub fn words(&self, width: usize) -> Vec<u32> {
+        let mut words = match self {
+            Action::Discrete(action) => vec![*action],
+            Action::Box(values) => values.iter().map(|value| value.to_bits()).collect(),
+        };
+        words.resize(width.max(words.len()), 0);
+        words
+    }
+}
+
+fn is_false(flag: &bool) -> bool {
+    !flag
 }
 
 impl Recording {
@@ -118,14 +157,16 @@ impl Recording {
         self.episodes.iter().any(|episode| !episode.joint_estimate.is_empty())
     }
 
-    /// Checks that every array has the length the header promises.
+    /// Checks that every array has the length that the header and the actions promise.
     fn check(&self) -> std::result::Result<(), String> {
-        let Header { n_agents, n_landmarks, episode_steps: steps, .. } = self.header;
-        if steps != EPISODE_STEPS {
-            return Err(format!("its episodes have {steps} steps, not {EPISODE_STEPS}"));
-        }
-        let trace = if self.is_trace() { steps } else { 0 };
+        let Header { n_agents, n_landmarks, episode_steps, .. } = self.header;
+        let is_trace = self.is_trace();
         for (number, episode) in self.episodes.iter().enumerate() {
+            let steps = episode.actions.len();
+            if !(1..=episode_steps).contains(&steps) {
+                return Err(format!("episode {number} has {steps} steps, not 1 to {episode_steps}"));
+            }
+            let trace = if is_trace { steps } else { 0 };
             let team = |rows: usize| Some((rows, n_agents));
             for (name, expected, found) in [
                 ("landmark_pos", Some((n_landmarks, 0)), Some((episode.landmark_pos.len(), 0))),
@@ -161,28 +202,34 @@ fn shape<T>(rows: &[Vec<T>]) -> Option<(usize, usize)> {
 }
 
 impl Episode {
-    /// An episode that begins in the present state of `world`.
-    pub fn begin(world: &World) -> Episode {
-        let mut episode = Episode {
-            goal_landmark: world.goal(),
-            landmark_pos: world.landmarks().to_vec(),
-            ..Episode::default()
-        };
-        episode.push_state(world);
+    /// An episode that begins in this state of a world.
+    pub fn begin(state: State) -> Episode {
+        let (goal_landmark, landmark_pos) = (state.goal, state.landmarks.clone());
+        let mut episode = Episode { goal_landmark, landmark_pos, ..Episode::default() };
+        episode.push_state(state);
         episode
     }
 
-    /// Appends the state of `world`.
-    pub fn push_state(&mut self, world: &World) {
-        self.agent_pos.push(world.positions().to_vec());
-        self.agent_vel.push(world.velocities().to_vec());
+    /// Appends the state of its world.
+    pub fn push_state(&mut self, state: State) {
+        self.agent_pos.push(state.positions);
+        self.agent_vel.push(state.velocities);
     }
 
-    /// Puts `world` into the state before step `step`.
-    pub fn restore(&self, step: usize, world: &mut World) {
-        let last_actions = step.checked_sub(1).map(|last| &self.actions[last][..]);
-        let (positions, velocities) = (&self.agent_pos[step], &self.agent_vel[step]);
-        world.set_state(positions, velocities, &self.landmark_pos, self.goal_landmark, last_actions);
+    /// The state before step `step`, and the words of the actions of the step before, `[agents, width]`, if there was one.
+    pub fn at(&self, step: usize, width: usize) -> (State, Option<Vec<u32>>) {
+        let state = State {
+            positions: self.agent_pos[step].clone(),
+            velocities: self.agent_vel[step].clone(),
+            landmarks: self.landmark_pos.clone(),
+            goal: self.goal_landmark,
+        };
+        (state, step.checked_sub(1).map(|last| self.words(last, width)))
+    }
+
+    /// The words of the actions of a step, `[agents, width]`.
+    pub fn words(&self, step: usize, width: usize) -> Vec<u32> {
+        self.actions[step].iter().flat_map(|action| action.words(width)).collect()
     }
 }
 

@@ -14,13 +14,16 @@ use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{
     AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
 };
-use vamaro_swarm::environment::{EPISODE_STEPS, Task, World};
+use vamaro_swarm::environment::{Outcome, Task};
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
     Audit, Conduct, Decisions, InProcess, Ledger, Processes, Session, Stage, Team, Tick, signals,
 };
 use vamaro_swarm::train::{self, Batch, Settings};
+
+/// Steps of an episode of every built-in task.
+const EPISODE_STEPS: usize = 25;
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
@@ -56,16 +59,17 @@ fn an_episode_allocates_nothing() {
     let mut tasks = Task::all();
     tasks.push(Task::parse("spread-xy-64").unwrap());
     for task in tasks {
-        let mut world = World::new(&task);
-        let mut observation = vec![0.0; task.padded_obs_dim()];
-        let mut actions = vec![0; task.n_agents()];
+        let (spec, mut world) = (task.spec(), task.environment(1));
+        let mut observations = vec![0.0; spec.n_agents() * spec.padded_obs_dim()];
+        let mut actions = vec![0; spec.n_agents() * spec.action_width()];
+        let mut outcome = Outcome::of(1, spec.n_agents());
         let counted = allocations(|| {
-            world.reset(1, 2);
-            for t in 0..EPISODE_STEPS {
-                actions.iter_mut().enumerate().for_each(|(agent, action)| *action = ((agent + t) % 6) as u8);
-                world.step(&actions);
-                (0..actions.len()).for_each(|agent| world.observe(agent, &mut observation));
-                std::hint::black_box((world.team_reward(), &observation));
+            world.reset(0, 1, 2).unwrap();
+            for t in 0..spec.episode_steps {
+                actions.iter_mut().enumerate().for_each(|(at, action)| *action = ((at + t) % 6) as u32);
+                world.step(&actions, &[true], &mut outcome).unwrap();
+                world.observe(1, &mut observations).unwrap();
+                std::hint::black_box((spec.team_reward(&outcome.rewards), &observations));
             }
         });
         assert_eq!(counted, 0, "{}", task.id());
@@ -99,10 +103,10 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
 fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode() {
     for task in ["hear-see", "spread-xy-4"] {
         let task = Task::parse(task).unwrap();
-        let agents = task.n_agents();
+        let agents = task.spec().n_agents();
         let imputer = ImputerName::Predictor("value-aware".to_owned());
-        let settings = AgentSettings { imputer, ..AgentSettings::for_task(&task) };
-        let layout = settings.layout().unwrap();
+        let settings = AgentSettings { imputer, ..AgentSettings::of(task.spec()) };
+        let layout = settings.layout();
         let directory = SwarmDirectory::create().unwrap();
         let address = SwarmAddress { agents, ..SwarmAddress::of(directory.tag()) };
         let supervisor = SupervisorPort::create(&address, &layout).unwrap();
@@ -112,13 +116,13 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
             Member::new(agent, port, layout, address.id(), 0)
         };
         let mut members: Vec<_> = (0..agents).map(member).collect();
-        let mut stage = Stage::new(&task, LinkModel::new(Links::Level(0.5), 1, true), 1, 1);
-        let mut actions = vec![0; agents];
+        let mut stage = Stage::new(task.environment(1), LinkModel::new(Links::Level(0.5), 1, true), 1);
+        let mut decisions = Decisions { actions: vec![0; agents], ..Decisions::default() };
         for episode in 0..3 {
-            stage.begin_episodes(u64::MAX);
+            stage.begin_episodes(u64::MAX).unwrap();
             for _ in 0..EPISODE_STEPS {
                 let drawn = allocations(|| {
-                    stage.sense();
+                    stage.sense().unwrap();
                     stage.draw_links();
                 });
                 let tick = stage.tick();
@@ -137,7 +141,8 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                 let counted = [
                     allocations(|| {
                         for agent in 0..agents {
-                            let (rows, own) = (&tick.rows[agent..=agent], tick.observation(&task, agent, 0));
+                            let (rows, own) =
+                                (&tick.rows[agent..=agent], tick.observation(task.spec(), agent, 0));
                             let write = |words: &mut [u32]| layout.write_sensor(words, rows, own);
                             supervisor.send_sensor(agent, header, write).unwrap();
                         }
@@ -166,7 +171,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                     allocations(|| {
                         while let Some(sample) = supervisor.receive_decision().unwrap() {
                             let decision = layout.decision(sample.words(), 1);
-                            actions[sample.header().sender as usize] = decision.actions[0] as u8;
+                            decisions.actions[sample.header().sender as usize] = decision.actions[0];
                             decided += 1;
                         }
                     }),
@@ -182,7 +187,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                     "{}, step {step}: {PHASES}: {counted:?}",
                     task.id()
                 );
-                let stepped = allocations(|| stage.step_worlds(&actions));
+                let stepped = allocations(|| stage.step_worlds(&decisions).unwrap());
                 assert!(episode == 0 || (drawn, stepped) == (0, 0), "{}, step {step}", task.id());
             }
         }
@@ -226,14 +231,14 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
             imputer,
             policy: PolicySource::Training,
             worlds: 2,
-            ..AgentSettings::for_task(&task)
+            ..AgentSettings::of(task.spec())
         };
-        let policy = Policy::untrained(&dims(&task), 1, Networks::paper(ActorKind::Mlp)).unwrap();
+        let policy = Policy::untrained(&dims(task.spec()), 1, Networks::paper(ActorKind::Mlp)).unwrap();
         let conduct = Conduct { wait, rate, ..Conduct::default() };
         let mut ticks = Vec::with_capacity(EPISODES * EPISODE_STEPS);
         let team = Processes::start(&settings, &policy, conduct).unwrap();
         let links = LinkModel::new(Links::Level(0.5), 1, true);
-        let mut session = Session::new(&task, links, 1, settings.worlds);
+        let mut session = Session::new(task.environment(settings.worlds), links, 1);
         let (mut ledger, mut audit) = (Ledger::default(), Audit::default());
         let episodes = (EPISODES * settings.worlds) as u64;
         let mut team = Counted { team, ticks: &mut ticks };
@@ -243,7 +248,7 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
         for (at, pair) in ticks.windows(2).enumerate().skip(EPISODE_STEPS) {
             let ([begun, ended], [next, _]) = (pair[0], pair[1]);
             // iceoryx2 0.10 allocates for each sample that it loans: here the message to each agent.
-            assert_eq!(ended - begun, task.n_agents(), "{conduct:?}, tick {at}");
+            assert_eq!(ended - begun, task.spec().n_agents(), "{conduct:?}, tick {at}");
             // The results of all episodes are kept, in a list that grows when they end.
             let kept = usize::from((at + 1) % EPISODE_STEPS == 0);
             assert!(next - ended <= kept, "{conduct:?}, after tick {at}: {}", next - ended);
@@ -256,15 +261,15 @@ fn renewing_weights_allocates_nothing_after_the_first_time() {
     for (kind, task) in [(ActorKind::Mlp, "hear-see"), (ActorKind::Gru, "spread-xy-4")] {
         let task = Task::parse(task).unwrap();
         let imputer = ImputerName::Predictor("value-aware".to_owned());
-        let settings = AgentSettings { imputer, ..AgentSettings::for_task(&task) };
-        let policy = Policy::untrained(&dims(&task), 1, Networks::paper(kind)).unwrap();
+        let settings = AgentSettings { imputer, ..AgentSettings::of(task.spec()) };
+        let policy = Policy::untrained(&dims(task.spec()), 1, Networks::paper(kind)).unwrap();
         let mut team = InProcess::new(&settings, &policy).unwrap();
-        let mut stage = Stage::new(&task, LinkModel::new(Links::Level(0.5), 1, true), 1, 1);
+        let mut stage = Stage::new(task.environment(1), LinkModel::new(Links::Level(0.5), 1, true), 1);
         let weights = vec![0.01; policy.n_values()];
         let mut decisions = Decisions::default();
         let mut first_tick = |renews: bool| {
-            stage.begin_episodes(u64::MAX);
-            stage.sense();
+            stage.begin_episodes(u64::MAX).unwrap();
+            stage.sense().unwrap();
             stage.draw_links();
             allocations(|| {
                 if renews {
@@ -284,20 +289,26 @@ fn renewing_weights_allocates_nothing_after_the_first_time() {
 fn an_update_allocates_nothing_once_warm() {
     for (kind, task) in [(ActorKind::Mlp, "hear-see"), (ActorKind::Gru, "spread-xy-4")] {
         let task = Task::parse(task).unwrap();
-        let (n, episodes, steps) = (task.n_agents(), 3, EPISODE_STEPS);
+        let (n, episodes, steps) = (task.spec().n_agents(), 3, EPISODE_STEPS);
         let batch = Batch {
             episodes,
             steps,
-            observations: vec![0.5; (steps + 1) * episodes * n * task.padded_obs_dim()],
-            joint: vec![0.5; (steps + 1) * episodes * task.joint_dim()],
+            observations: vec![0.5; (steps + 1) * episodes * n * task.spec().padded_obs_dim()],
+            joint: vec![0.5; (steps + 1) * episodes * task.spec().joint_dim()],
             estimates: Vec::new(),
             actions: vec![1; steps * episodes * n],
             rewards: (0..steps * episodes).map(|at| at as f32).collect(),
         };
         let available = vec![5; n];
         let settings = Settings::paper(kind);
-        let mut team =
-            train::Team::untrained(settings, &dims(&task), task.padded_obs_dim(), &available, 1, 1);
+        let mut team = train::Team::untrained(
+            settings,
+            &dims(task.spec()),
+            task.spec().padded_obs_dim(),
+            &available,
+            1,
+            1,
+        );
         team.update(&batch, &[]);
         let counted = allocations(|| {
             std::hint::black_box(team.update(&batch, &[]));

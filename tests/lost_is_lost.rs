@@ -4,9 +4,12 @@
 use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{AgentPort, Header, Kind, Layout, LocalPort, LocalSample, Sample};
-use vamaro_swarm::environment::{EPISODE_STEPS, Task};
+use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::supervisor::{Decisions, InProcess, Stage, Team};
+
+/// Steps of an episode of every built-in task.
+const EPISODE_STEPS: usize = 25;
 
 /// A port that replaces what the links lose by NaN before the agent receives it.
 struct Poisoned {
@@ -62,16 +65,16 @@ fn play(
     task: &Task,
     p: f64,
     share_at_start: bool,
-) -> Vec<(Vec<u8>, Vec<u32>, Vec<u32>)> {
-    let mut stage = Stage::new(task, LinkModel::new(Links::Level(p), 5, share_at_start), 5, 3);
+) -> Vec<(Vec<u32>, Vec<u32>, Vec<u32>)> {
+    let mut stage = Stage::new(task.environment(3), LinkModel::new(Links::Level(p), 5, share_at_start), 5);
     let (mut decisions, mut all) = (Decisions::default(), Vec::new());
     while stage.next_episode() < 6 {
-        stage.begin_episodes(6);
+        stage.begin_episodes(6).unwrap();
         for _ in 0..EPISODE_STEPS {
-            stage.sense();
+            stage.sense().unwrap();
             stage.draw_links();
             team.tick(&stage.tick(), &mut decisions).unwrap();
-            stage.step_worlds(&decisions.actions);
+            stage.step_worlds(&decisions).unwrap();
             let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect();
             all.push((decisions.actions.clone(), bits(&decisions.estimates), bits(&decisions.logits)));
         }
@@ -94,9 +97,9 @@ fn nothing_of_a_lost_observation_gets_through() {
                 imputer,
                 worlds: 3,
                 policy: PolicySource::Builtin,
-                ..AgentSettings::for_task(&task)
+                ..AgentSettings::of(task.spec())
             };
-            let (layout, policy) = (settings.layout().unwrap(), settings.policy.load(&task).unwrap());
+            let (layout, policy) = (settings.layout(), settings.policy.load(task.spec()).unwrap());
             for p in [0.0, 0.3, 0.8] {
                 let mut plain = InProcess::new(&settings, &policy).unwrap();
                 let poison = |port| Poisoned { port, layout, rows: Vec::new() };

@@ -12,14 +12,17 @@ use rustix::process::{Pid, Signal, kill_process};
 use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::Wait;
-use vamaro_swarm::environment::{EPISODE_STEPS, Task, World};
+use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
-use vamaro_swarm::recording::{Header, Recording};
+use vamaro_swarm::recording::{Episode, Header, Recording};
 use vamaro_swarm::supervisor::{
     Decisions, InProcess, Processes, Recorder, Session, Stage, Team, Tick, signals,
 };
 use vamaro_swarm::train::{Batch, Rollout};
+
+/// Steps of an episode of every built-in task.
+const EPISODE_STEPS: usize = 25;
 
 const SEED: u64 = 4;
 
@@ -83,7 +86,7 @@ impl Case {
     }
 
     fn policy(&self, seed: u64) -> Policy {
-        Policy::untrained(&dims(&self.task), seed, self.networks.clone()).unwrap()
+        Policy::untrained(&dims(self.task.spec()), seed, self.networks.clone()).unwrap()
     }
 
     fn weights(&self, seed: u64) -> Vec<f32> {
@@ -99,7 +102,7 @@ impl Case {
             _ => ImputerName::Predictor("value-aware".to_owned()),
         };
         let policy = PolicySource::Training;
-        AgentSettings { imputer, policy, seed: SEED, worlds, ..AgentSettings::for_task(&self.task) }
+        AgentSettings { imputer, policy, seed: SEED, worlds, ..AgentSettings::of(self.task.spec()) }
     }
 
     fn links(&self) -> LinkModel {
@@ -107,11 +110,11 @@ impl Case {
     }
 
     fn rollout(&self, worlds: usize, first_episode: u64) -> Rollout {
-        Rollout::new(&self.task, self.links(), SEED, worlds, first_episode)
+        Rollout::new(self.task.environment(worlds), self.links(), SEED, first_episode)
     }
 
     fn batch(&self, episodes: usize) -> Batch {
-        Batch::zeros(&self.task, episodes, !self.links().is_lossless())
+        Batch::zeros(self.task.spec(), episodes, !self.links().is_lossless())
     }
 
     fn processes(&self, worlds: usize, seed: u64) -> Processes {
@@ -141,7 +144,7 @@ fn play(case: &Case, team: impl Team, worlds: usize) -> (Vec<Vec<u32>>, Vec<f64>
         if at > 0 {
             team.renew(&case.weights(seed)).unwrap();
         }
-        returns.extend_from_slice(rollout.collect(&mut team, &mut batch).unwrap());
+        returns.extend(rollout.collect(&mut team, &mut batch).unwrap().iter().map(|(sum, _)| *sum));
         batches.push(bits(&batch));
     }
     assert_eq!(rollout.next_episode(), 7 + returns.len() as u64);
@@ -199,19 +202,19 @@ fn weights_are_in_force_from_the_next_episode_on() {
 /// The logits of two episodes in one world, when new weights come before this step.
 fn renew_before(renewed: usize, case: &Case, team: impl Team) -> Vec<u32> {
     let mut team = Overheard { team, logits: Vec::new() };
-    let mut stage = Stage::new(&case.task, case.links(), SEED, 1);
+    let mut stage = Stage::new(case.task.environment(1), case.links(), SEED);
     let mut decisions = Decisions::default();
     for step in 0..2 * EPISODE_STEPS {
         if step % EPISODE_STEPS == 0 {
-            stage.begin_episodes(2);
+            stage.begin_episodes(2).unwrap();
         }
         if step == renewed {
             team.renew(&case.weights(1)).unwrap();
         }
-        stage.sense();
+        stage.sense().unwrap();
         stage.draw_links();
         team.tick(&stage.tick(), &mut decisions).unwrap();
-        stage.step_worlds(&decisions.actions);
+        stage.step_worlds(&decisions).unwrap();
     }
     team.logits
 }
@@ -224,8 +227,8 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
         let file = folder.path().join("trace.json");
         let header = Header {
             task: task.id().to_owned(),
-            n_agents: task.n_agents(),
-            n_landmarks: task.n_landmarks(),
+            n_agents: task.spec().n_agents(),
+            n_landmarks: task.spec().landmarks,
             episode_steps: EPISODE_STEPS,
             actor: None,
             imputer: None,
@@ -238,7 +241,7 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
             version: None,
         };
         let mut recorder = Recorder::create(&file, &header).unwrap();
-        let mut session = Session::new(task, case.links(), SEED, settings.worlds);
+        let mut session = Session::new(task.environment(settings.worlds), case.links(), SEED);
         session.play(&mut case.in_process(3, 0), 7, &mut [&mut recorder]).unwrap();
         recorder.finish().unwrap();
         let recording = Recording::read(&file).unwrap();
@@ -247,37 +250,39 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
         let mut rollout = case.rollout(3, 4);
         let mut batch = case.batch(5);
         let returns = rollout.collect(&mut case.in_process(3, 0), &mut batch).unwrap();
-        let expected: Vec<f64> =
-            recording.episodes[4..].iter().map(|episode| episode.episode_return).collect();
+        let of = |episode: &Episode| (episode.episode_return, EPISODE_STEPS as u64);
+        let expected: Vec<(f64, u64)> = recording.episodes[4..].iter().map(of).collect();
         assert_eq!(returns, expected);
         assert_eq!(batch.estimates.is_empty(), case.p == 1.0);
-        let (agents, observation, joint) = (task.n_agents(), task.padded_obs_dim(), task.joint_dim());
+        let (agents, observation, joint) =
+            (task.spec().n_agents(), task.spec().padded_obs_dim(), task.spec().joint_dim());
         for (number, column) in [(4, 4), (5, 0), (6, 1)] {
             let episode = &recording.episodes[number];
-            let mut world = World::new(task);
+            let mut world = task.environment(1);
             for step in 0..=EPISODE_STEPS {
                 let row = step * 5 + column;
-                episode.restore(step, &mut world);
+                let (state, last_actions) = episode.at(step, 1);
+                world.set_state(0, &state, last_actions.as_deref()).unwrap();
                 let mut truth = vec![0.0; agents * observation];
-                let parts = truth.chunks_exact_mut(observation).enumerate();
-                parts.for_each(|(agent, part)| world.observe(agent, part));
+                world.observe(1, &mut truth).unwrap();
                 assert_eq!(batch.observations[row * truth.len()..][..truth.len()], truth);
                 let estimates = batch.estimates.get(row * agents * joint..).unwrap_or_default();
                 let found = &batch.joint[row * joint..][..joint];
                 for (agent, part) in truth.chunks_exact(observation).enumerate() {
-                    let (unique, predicted) = (task.unique_dim(), task.predicted_dim());
+                    let (unique, predicted) = (task.spec().unique_dim(), task.spec().predicted_dim());
                     assert_eq!(found[agent * unique..][..unique], part[..unique]);
-                    assert_eq!(found[predicted..], part[unique..][..task.common_dim()]);
+                    assert_eq!(found[predicted..], part[unique..][..task.spec().common_dim()]);
                 }
                 if step == EPISODE_STEPS {
                     let own = estimates.chunks_exact(joint).take(agents).enumerate();
                     own.for_each(|(agent, seen)| {
-                        let unique = agent * task.unique_dim()..(agent + 1) * task.unique_dim();
+                        let unique = agent * task.spec().unique_dim()..(agent + 1) * task.spec().unique_dim();
                         assert_eq!(seen[unique.clone()], found[unique], "an agent knows its own part");
                     });
                     continue;
                 }
-                assert_eq!(batch.actions[row * agents..][..agents], episode.actions[step]);
+                let actions = batch.actions[row * agents..][..agents].iter();
+                assert!(actions.copied().map(u32::from).eq(episode.words(step, 1)));
                 assert_eq!(batch.rewards[row], episode.team_reward[step] as f32);
                 for (agent, seen) in episode.joint_estimate[step].iter().enumerate() {
                     match case.p {

@@ -8,14 +8,14 @@ use super::{Imputer, ImputerName, Inbox, JointLayout, PolicySource};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::bus::Layout;
-use crate::environment::{N_ACTIONS, Task};
+use crate::environment::Spec;
 use crate::nn::{Actor, ActorState, Policy, Scratch};
 
 /// What every agent of a team runs with.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct AgentSettings {
-    /// Id of the task.
-    pub task: String,
+    /// What the team plays in.
+    pub spec: Spec,
     /// Where the policy comes from.
     pub policy: PolicySource,
     /// Which imputer completes the joint observation.
@@ -30,9 +30,9 @@ pub struct AgentSettings {
 
 impl AgentSettings {
     /// Sampled actions of the built-in policy in one world, what is lost being held.
-    pub fn for_task(task: &Task) -> AgentSettings {
+    pub fn of(spec: &Spec) -> AgentSettings {
         AgentSettings {
-            task: task.id().to_owned(),
+            spec: spec.clone(),
             policy: PolicySource::Builtin,
             imputer: ImputerName::Hold,
             greedy: false,
@@ -41,15 +41,15 @@ impl AgentSettings {
         }
     }
 
-    /// The task.
-    pub fn task(&self) -> Result<Task> {
-        Task::parse(&self.task)
-    }
-
     /// The layout of the team's messages.
-    pub fn layout(&self) -> Result<Layout> {
-        let task = self.task()?;
-        Ok(Layout { observation: task.padded_obs_dim(), joint: task.joint_dim(), logits: N_ACTIONS })
+    pub fn layout(&self) -> Layout {
+        let spec = &self.spec;
+        Layout {
+            observation: spec.padded_obs_dim(),
+            action: spec.action_width(),
+            joint: spec.joint_dim(),
+            logits: spec.n_actions(),
+        }
     }
 }
 
@@ -58,7 +58,7 @@ impl AgentSettings {
 #[derive(Debug)]
 pub struct Agent {
     index: usize,
-    task: Task,
+    spec: Spec,
     seed: u64,
     greedy: bool,
     worlds: usize,
@@ -69,7 +69,7 @@ pub struct Agent {
     scratch: Scratch,
     /// The policy's input, `[worlds, joint]`.
     estimates: Vec<f32>,
-    /// `[worlds, N_ACTIONS]`.
+    /// `[worlds, n_actions]`.
     logits: Vec<f32>,
     /// `[active worlds]`.
     actions: Vec<u32>,
@@ -88,14 +88,14 @@ struct Parts {
 impl Agent {
     /// Loads agent `index` of a team.
     pub fn new(settings: &AgentSettings, index: usize) -> Result<Agent> {
-        let policy = settings.policy.load(&settings.task()?)?;
+        let policy = settings.policy.load(&settings.spec)?;
         Agent::with_policy(settings, &policy, index)
     }
 
     /// Makes agent `index` of a team from a policy that is loaded already.
     pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
-        let task = settings.task()?;
-        let layout = JointLayout::of(&task);
+        let spec = settings.spec.clone();
+        let layout = JointLayout::of(&spec);
         let worlds = settings.worlds;
         let actor = policy.actor(index).clone();
         Ok(Agent {
@@ -103,7 +103,7 @@ impl Agent {
             seed: settings.seed,
             greedy: settings.greedy,
             worlds,
-            imputer: settings.imputer.build(policy, &task, worlds)?,
+            imputer: settings.imputer.build(policy, &spec, worlds)?,
             state: actor.state(worlds),
             scratch: Scratch::default(),
             parts: Parts {
@@ -116,9 +116,9 @@ impl Agent {
             },
             actor,
             estimates: vec![0.0; worlds * layout.joint()],
-            logits: vec![0.0; worlds * N_ACTIONS],
+            logits: vec![0.0; worlds * spec.n_actions()],
             actions: Vec::with_capacity(worlds),
-            task,
+            spec,
         })
     }
 
@@ -129,7 +129,7 @@ impl Agent {
 
     /// Size of the team.
     pub fn team(&self) -> usize {
-        self.task.n_agents()
+        self.spec.n_agents()
     }
 
     /// The most parallel worlds.
@@ -168,7 +168,7 @@ impl Agent {
     /// Completes what was delivered in one world to a joint estimate. Returns whose observations were
     /// used, bit by bit.
     pub fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox) -> u64 {
-        let joint = self.task.joint_dim();
+        let joint = self.spec.joint_dim();
         let estimate = &mut self.estimates[world * joint..(world + 1) * joint];
         self.imputer.fuse(world, self.index, own, inbox, estimate)
     }
@@ -176,11 +176,12 @@ impl Agent {
     /// Chooses an action in each of the `worlds` worlds of the episode from the joint estimates.
     pub fn act(&mut self, episode: u64, step: u32, worlds: usize) {
         self.actions.clear();
-        let estimates = &self.estimates[..worlds * self.task.joint_dim()];
-        let logits = &mut self.logits[..worlds * N_ACTIONS];
+        let estimates = &self.estimates[..worlds * self.spec.joint_dim()];
+        let n_actions = self.spec.n_actions();
+        let logits = &mut self.logits[..worlds * n_actions];
         self.actor.forward(worlds, estimates, &mut self.state, &mut self.scratch, logits);
-        let available = self.task.available_actions(self.index);
-        for (world, logits) in logits.chunks_exact(N_ACTIONS).enumerate() {
+        let available = self.spec.available_actions(self.index);
+        for (world, logits) in logits.chunks_exact(n_actions).enumerate() {
             let logits = &logits[..available];
             let action = if self.greedy {
                 most_probable(logits)
@@ -198,7 +199,7 @@ impl Agent {
     pub fn predict(&mut self) {
         let worlds = self.actions.len();
         self.actor.prepare(worlds, &mut self.state);
-        self.imputer.predict(worlds, &self.estimates[..worlds * self.task.joint_dim()]);
+        self.imputer.predict(worlds, &self.estimates[..worlds * self.spec.joint_dim()]);
     }
 
     /// The actions chosen last, `[worlds]`.
@@ -208,12 +209,12 @@ impl Agent {
 
     /// The joint estimates they were chosen from, `[worlds, joint]`.
     pub fn estimates(&self) -> &[f32] {
-        &self.estimates[..self.actions.len() * self.task.joint_dim()]
+        &self.estimates[..self.actions.len() * self.spec.joint_dim()]
     }
 
-    /// The logits they were chosen by, `[worlds, N_ACTIONS]`.
+    /// The logits they were chosen by, `[worlds, n_actions]`.
     pub fn logits(&self) -> &[f32] {
-        &self.logits[..self.actions.len() * N_ACTIONS]
+        &self.logits[..self.actions.len() * self.spec.n_actions()]
     }
 }
 

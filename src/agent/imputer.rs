@@ -1,7 +1,7 @@
 //! The imputer: completes what was received to an estimate of the joint observation.
 
 use super::Inbox;
-use crate::environment::Task;
+use crate::environment::Spec;
 use crate::nn::{LstmState, Predictor, Scratch};
 
 /// Where the parts of the joint observation are: `unique_1 .. unique_n, common`.
@@ -16,9 +16,9 @@ pub struct JointLayout {
 }
 
 impl JointLayout {
-    /// That of a task.
-    pub fn of(task: &Task) -> JointLayout {
-        JointLayout { agents: task.n_agents(), unique: task.unique_dim(), common: task.common_dim() }
+    /// That of an environment.
+    pub fn of(spec: &Spec) -> JointLayout {
+        JointLayout { agents: spec.n_agents(), unique: spec.unique_dim(), common: spec.common_dim() }
     }
 
     /// Length of the joint observation.
@@ -100,13 +100,13 @@ impl Imputer {
     }
 
     /// Moves what was received last on with the velocity that was received with it.
-    pub fn velocity(task: &Task, worlds: usize) -> Imputer {
-        let layout = JointLayout::of(task);
+    pub fn velocity(spec: &Spec, worlds: usize) -> Imputer {
+        let layout = JointLayout::of(spec);
         let motions = (0..layout.agents).flat_map(|agent| {
             let front = agent * layout.unique;
-            task.observed(agent).iter().enumerate().filter_map(move |(dim, observed)| {
-                let (velocity, sign) = observed.rate?;
-                let factor = sign * task.physics().dt as f32;
+            spec.agents[agent].observation.iter().enumerate().filter_map(move |(dim, value)| {
+                let (velocity, sign) = value.rate?;
+                let factor = sign * spec.dt as f32;
                 Some(Motion { place: front + dim, velocity: front + velocity, factor })
             })
         });
@@ -195,12 +195,13 @@ impl Prediction {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::environment::Task;
 
     /// What a listener's observation is taken for one step after it was received.
     #[test]
     fn places_move_on_with_the_velocity_and_the_rest_stays() {
         let task = Task::parse("speaker-listener").unwrap();
-        let mut imputer = Imputer::velocity(&task, 1);
+        let mut imputer = Imputer::velocity(task.spec(), 1);
         imputer.begin_episode(1);
         let speaker = [0.15, 0.65, 0.15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let listener = [1.0, -2.0, 0.5, 0.5, 0.0, 0.0, -0.5, 0.5, 0.0, 1.0, 0.0];

@@ -189,8 +189,8 @@ mod tests {
     fn told(in_force: u64) -> (LocalHub, Member<LocalPort>, usize) {
         let task = Task::parse("hear-see").unwrap();
         let policy = PolicySource::Untrained(1);
-        let settings = AgentSettings { policy, ..AgentSettings::for_task(&task) };
-        let (agent, layout) = (Agent::new(&settings, 0).unwrap(), settings.layout().unwrap());
+        let settings = AgentSettings { policy, ..AgentSettings::of(task.spec()) };
+        let (agent, layout) = (Agent::new(&settings, 0).unwrap(), settings.layout());
         let (hub, weights) = (LocalHub::new(2), agent.policy_weights());
         let header = message(Kind::Sensor, in_force, layout.sensor_words(1));
         hub.send_sensor(0, LocalSample::new(header, |_| {}));

@@ -49,7 +49,7 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     let ProcessSettings { address, agent, incarnation, wait, scheduling, settings, .. } = process;
     let mut agent = Agent::new(settings, *agent)?;
     agent.warm_up();
-    let layout = settings.layout()?;
+    let layout = settings.layout();
     let port = open(address, &layout, agent.index())?;
     // The supervisor is process 0.
     let granted = scheduling.apply(agent.index() + 1);

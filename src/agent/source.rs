@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{Imputer, JointLayout};
 use crate::base::error::Result;
-use crate::environment::{N_ACTIONS, Task};
+use crate::environment::{PaperSetting, Spec};
 use crate::nn::{ActorKind, Aligned, Dims, Networks, Policy};
 use crate::{failed, usage};
 
-/// The policies inside the program: (task, policy file).
+/// The policies inside the program: (spec, policy file).
 pub static BUILTIN: [(&str, &Aligned<[u8]>); 5] = [
     ("hear-see", &Aligned(*include_bytes!("../../agents/pretrained/hear-see/seed-0.safetensors"))),
     (
@@ -48,26 +48,26 @@ pub enum PolicySource {
 
 impl PolicySource {
     /// Loads the policy for a task. Weights that are stored as f32, in a file or in the program, stay where they are.
-    pub fn load(&self, task: &Task) -> Result<Policy> {
+    pub fn load(&self, spec: &Spec) -> Result<Policy> {
         match self {
             PolicySource::Builtin => {
-                let policy = BUILTIN.iter().find(|(id, _)| *id == task.id());
+                let policy = BUILTIN.iter().find(|(id, _)| *id == spec.id());
                 let (_, bytes) = policy.ok_or_else(|| {
                     let ids: Vec<&str> = BUILTIN.iter().map(|(id, _)| *id).collect();
                     usage!(
                         "there is no built-in policy for {} (only for {}); give one with --policy FILE, \
                          or use `--policy untrained`, a seeded random network of the right shape",
-                        task.id(),
+                        spec.id(),
                         ids.join(", ")
                     )
                 })?;
-                Policy::from_static(&bytes.0, &dims(task))
+                Policy::from_static(&bytes.0, &dims(spec))
             }
             PolicySource::Untrained(seed) => {
-                Policy::untrained(&dims(task), *seed, Networks::paper(paper_actor(task)))
+                Policy::untrained(&dims(spec), *seed, Networks::paper(paper_actor(spec)))
             }
-            PolicySource::File(path) => Policy::open(path, &dims(task)),
-            PolicySource::Copy(path) => Policy::open_copy(path, &dims(task)),
+            PolicySource::File(path) => Policy::open(path, &dims(spec)),
+            PolicySource::Copy(path) => Policy::open_copy(path, &dims(spec)),
             PolicySource::Training => Err(failed!("a policy in training cannot be loaded, only handed over")),
         }
     }
@@ -85,21 +85,21 @@ impl fmt::Display for PolicySource {
 }
 
 /// The sizes a policy for this task has.
-pub fn dims(task: &Task) -> Dims {
+pub fn dims(spec: &Spec) -> Dims {
     Dims {
-        task: task.id().to_owned(),
-        n_agents: task.n_agents(),
-        joint: task.joint_dim(),
-        predicted: task.predicted_dim(),
-        n_actions: N_ACTIONS,
+        task: spec.id().to_owned(),
+        n_agents: spec.n_agents(),
+        joint: spec.joint_dim(),
+        predicted: spec.predicted_dim(),
+        n_actions: spec.n_actions(),
     }
 }
 
-/// The actor of the paper's setting for this task: recurrent for spread, except for spread-xy-2.
-pub fn paper_actor(task: &Task) -> ActorKind {
-    match task.id() {
-        "hear-see" | "speaker-listener" | "spread-xy-2" => ActorKind::Mlp,
-        _ => ActorKind::Gru,
+/// The actor of the paper's setting.
+pub fn paper_actor(spec: &Spec) -> ActorKind {
+    match spec.paper {
+        PaperSetting::One => ActorKind::Mlp,
+        PaperSetting::Two => ActorKind::Gru,
     }
 }
 
@@ -138,12 +138,12 @@ impl ImputerName {
     }
 
     /// Builds it.
-    pub fn build(&self, policy: &Policy, task: &Task, worlds: usize) -> Result<Imputer> {
-        let layout = JointLayout::of(task);
+    pub fn build(&self, policy: &Policy, spec: &Spec, worlds: usize) -> Result<Imputer> {
+        let layout = JointLayout::of(spec);
         match self {
             ImputerName::Zero => Ok(Imputer::zero(layout, worlds)),
             ImputerName::Hold => Ok(Imputer::hold(layout, worlds)),
-            ImputerName::Velocity => Ok(Imputer::velocity(task, worlds)),
+            ImputerName::Velocity => Ok(Imputer::velocity(spec, worlds)),
             ImputerName::Predictor(name) => match policy.predictor(name) {
                 Some(predictor) => Ok(Imputer::predict_with(predictor.clone(), layout, worlds)),
                 None => Err(usage!("this policy has no predictor `{name}`")),

@@ -77,13 +77,15 @@ impl Header {
 /// |---|---|
 /// | sensor | link row (2: low and high half), own observation (`observation`) |
 /// | observation | observation (`observation`) |
-/// | decision | action (1), row used (2), joint estimate (`joint`), logits (`logits`) |
+/// | decision | action (`action`), row used (2), joint estimate (`joint`), logits (`logits`) |
 ///
 /// Behind the parts of a decision message stand the [`DecisionTimes`]. A weights message is all values of a policy, in the order of its tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Padded observation.
     pub observation: usize,
+    /// Action.
+    pub action: usize,
     /// Joint observation.
     pub joint: usize,
     /// Actions an agent chooses from.
@@ -124,7 +126,7 @@ pub struct DecisionTimes {
 /// What an agent decided, and on what ground.
 #[derive(Clone, Copy, Debug)]
 pub struct Decision<'a> {
-    /// The action in each world, `[worlds]`.
+    /// The action in each world, `[worlds, action]`.
     pub actions: &'a [u32],
     rows: &'a [u32],
     /// The policy's input, `[worlds, joint]`.
@@ -155,7 +157,7 @@ impl Layout {
 
     /// Words of a decision message.
     pub fn decision_words(&self, worlds: usize) -> usize {
-        worlds * (1 + 2 + self.joint + self.logits) + TIMES
+        worlds * (self.action + 2 + self.joint + self.logits) + TIMES
     }
 
     /// Writes a sensor message: `rows` has one entry, `observations` `[worlds, observation]`.
@@ -194,7 +196,7 @@ impl Layout {
 
     /// Reads a decision message of [`Layout::decision_words`] words.
     pub fn decision<'a>(&self, words: &'a [u32], worlds: usize) -> Decision<'a> {
-        let (actions, rest) = words.split_at(worlds);
+        let (actions, rest) = words.split_at(self.action * worlds);
         let (rows, rest) = rest.split_at(2 * worlds);
         let (estimates, rest) = rest.split_at(self.joint * worlds);
         let (logits, times) = rest.split_at(self.logits * worlds);
@@ -222,7 +224,7 @@ fn split_rows(words: &mut [u32], rows: &[u64]) {
 mod tests {
     use super::*;
 
-    const LAYOUT: Layout = Layout { observation: 3, joint: 5, logits: 2 };
+    const LAYOUT: Layout = Layout { observation: 3, action: 2, joint: 5, logits: 2 };
 
     #[test]
     fn a_sensor_message_comes_back() {
@@ -237,7 +239,7 @@ mod tests {
 
     #[test]
     fn a_decision_comes_back() {
-        let (actions, rows) = ([4, 0], [3, u64::MAX]);
+        let (actions, rows) = ([4, 0, 7, 1], [3, u64::MAX]);
         let (estimates, logits) = ([0.25; 10], [1.0, 2.0, 3.0, 4.0]);
         let times = DecisionTimes { received_ns: u64::MAX - 1, fused_ns: 1 << 40 };
         let mut words = vec![0; LAYOUT.decision_words(2)];

@@ -95,7 +95,7 @@ fn cores() -> Finding {
 }
 
 fn shared_memory() -> Finding {
-    let layout = Task::parse("spread-xy-4").and_then(|task| AgentSettings::for_task(&task).layout());
+    let layout = Task::parse("spread-xy-4").map(|task| AgentSettings::of(task.spec()).layout());
     let (free, total, needed) = match (shared_memory_free(), layout) {
         (Ok((free, total)), Ok(layout)) => {
             let address = SwarmAddress { agents: 4, worlds: 10, real_time: true, ..SwarmAddress::of("") };

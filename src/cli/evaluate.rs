@@ -229,7 +229,7 @@ impl Evaluate {
             (PolicySource::File(path), expected) => {
                 let of_file = Task::parse(&PolicyFile::read(path)?.meta.task)?;
                 match expected {
-                    Some(task) if *task != of_file => {
+                    Some(task) if task.id() != of_file.id() => {
                         return Err(usage!("{name} is a policy for {}, not for {}", of_file.id(), task.id()));
                     }
                     _ => of_file,
@@ -238,7 +238,7 @@ impl Evaluate {
             (_, Some(task)) => task.clone(),
             (_, None) => return Err(usage!("{name}: for which task? Say so with --task")),
         };
-        let policy = source.load(&task)?;
+        let policy = source.load(task.spec())?;
         let imputers = self.imputers_of(&policy).map_err(|error| usage!("{name}: {error}"))?;
         Ok(Entrant::new(name, source, policy, task, imputers))
     }

@@ -37,7 +37,7 @@ impl Export {
             return Err(usage!("{} is no file; export a policy file, or the folder of a run", self.policy));
         };
         let task = Task::parse(&PolicyFile::read(path)?.meta.task)?;
-        let policy = source.load(&task)?;
+        let policy = source.load(task.spec())?;
         policy.save_half(&self.out)?;
         let size = std::fs::metadata(&self.out).map_or(0, |about| about.len());
         print(&format!("wrote {}: {}, {:.2} MB\n", self.out.display(), task.id(), size as f64 / 1e6))

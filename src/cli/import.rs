@@ -70,7 +70,7 @@ impl Import {
             origin: self.origin,
             ..Meta::new(task.id(), self.seed)
         };
-        let policy = import(&actors, &predictors, &dims(&task), meta)?;
+        let policy = import(&actors, &predictors, &dims(task.spec()), meta)?;
         policy.save(&self.out)?;
         let names: Vec<&str> = policy.predictor_names().collect();
         print(&format!(

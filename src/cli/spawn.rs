@@ -14,7 +14,7 @@ use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::{Grants, Scheduling};
 use crate::base::threads::cores;
 use crate::bus::Wait;
-use crate::environment::{EPISODE_STEPS, Task};
+use crate::environment::Task;
 use crate::link::{CommunicationMatrix, LinkModel, Links, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::Header;
@@ -144,7 +144,7 @@ impl Spawn {
         let task = self.find_task(&source)?;
         let scheduling = self.scheduling()?;
         let links = self.find_links(&task)?;
-        let policy = source.load(&task)?;
+        let policy = source.load(task.spec())?;
         let settings = self.settings(&task, source, &policy)?;
         let recorder = match &self.record {
             Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
@@ -168,10 +168,10 @@ impl Spawn {
             let conduct = Conduct { wait: self.wait, rate: self.rate, scheduling };
             let mut team = Processes::start(&settings, &policy, conduct)?;
             summary.scheduling = team.grants().cloned();
-            if self.wait == Wait::Spin && task.n_agents() >= cores() {
+            if self.wait == Wait::Spin && task.spec().n_agents() >= cores() {
                 tell(&format!(
                     "note: {} processes spin on {} cores and take turns; --wait block may be faster",
-                    task.n_agents() + 1,
+                    task.spec().n_agents() + 1,
                     cores()
                 ));
             }
@@ -210,7 +210,7 @@ impl Spawn {
             print(&summary.first_line())?;
         }
         let links = LinkModel::new(summary.links.clone(), self.seed, summary.comm_at_t0);
-        let mut session = Session::new(summary.task, links, self.seed, summary.settings.worlds);
+        let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed);
         let bar = progress_bar(self.episodes);
         let mut ledger = Ledger::telling(|statistics| {
             if !bar.is_hidden() {
@@ -247,7 +247,8 @@ impl Spawn {
             (Some(name), Some(agents)) => (name, agents),
         };
         // `--task spread-xy --agents 6` names a task as well as `spread-xy-6` does.
-        let of_that_size = |name: &str| Task::parse(name).ok().filter(|task| task.n_agents() == agents);
+        let of_that_size =
+            |name: &str| Task::parse(name).ok().filter(|task| task.spec().n_agents() == agents);
         if let Some(task) = of_that_size(name).or_else(|| of_that_size(&format!("{name}-{agents}"))) {
             return Ok(task);
         }
@@ -261,7 +262,7 @@ impl Spawn {
                 "{} is for {} agents, not {agents}; leave one of --task and --agents away, or take a task of that \
                  size: {}",
                 task.id(),
-                task.n_agents(),
+                task.spec().n_agents(),
                 others.join(", ")
             ),
         })
@@ -276,7 +277,7 @@ impl Spawn {
             (_, _, Some("asymmetric")) => Links::Asymmetric,
             (_, _, Some("dynamic")) => Links::Dynamic,
             (_, _, Some(file)) if Path::new(file).is_file() => {
-                Links::Matrix(CommunicationMatrix::read(Path::new(file), task.n_agents())?)
+                Links::Matrix(CommunicationMatrix::read(Path::new(file), task.spec().n_agents())?)
             }
             (_, _, Some(other)) => {
                 return Err(usage!(
@@ -298,7 +299,7 @@ impl Spawn {
 
     fn settings(&self, task: &Task, policy: PolicySource, loaded: &Policy) -> Result<AgentSettings> {
         Ok(AgentSettings {
-            task: task.id().to_owned(),
+            spec: task.spec().clone(),
             policy,
             imputer: ImputerName::choose(self.imputer.as_deref(), loaded)?,
             greedy: self.greedy,
@@ -315,12 +316,12 @@ impl Spawn {
         settings: &AgentSettings,
         policy: &Policy,
     ) -> Result<Recorder> {
-        let task = settings.task()?;
+        let spec = &settings.spec;
         let header = Header {
-            task: task.id().to_owned(),
-            n_agents: task.n_agents(),
-            n_landmarks: task.n_landmarks(),
-            episode_steps: EPISODE_STEPS,
+            task: spec.id.clone(),
+            n_agents: spec.n_agents(),
+            n_landmarks: spec.landmarks,
+            episode_steps: spec.episode_steps,
             actor: Some(policy.networks().actor.to_string()),
             imputer: Some(settings.imputer.to_string()),
             policy: Some(settings.policy.to_string()),

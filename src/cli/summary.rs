@@ -7,7 +7,7 @@ use crate::base::distribution::Distribution;
 use crate::base::scheduling::Grants;
 use crate::base::table::thousands;
 use crate::bus::Wait;
-use crate::environment::{EPISODE_STEPS, Task};
+use crate::environment::Task;
 use crate::link::{Links, complement};
 use crate::nn::Meta;
 use crate::supervisor::{Audit, Punctuality, Statistics};
@@ -39,7 +39,7 @@ pub(super) struct Outcome<'a> {
 impl Summary<'_> {
     /// Says what runs; both p and the drop probability, which are so easily confused.
     pub(super) fn first_line(&self) -> String {
-        let place = match (self.wait, self.task.n_agents()) {
+        let place = match (self.wait, self.task.spec().n_agents()) {
             (None, _) => "in-process",
             (_, 1) => "as a process",
             _ => "as processes",
@@ -47,7 +47,7 @@ impl Summary<'_> {
         format!(
             "{}: {} {place}, {}{}, {}{}\n",
             self.task.id(),
-            counted(self.task.n_agents() as u64, "agent"),
+            counted(self.task.spec().n_agents() as u64, "agent"),
             self.link_words(),
             if self.comm_at_t0 { "" } else { " also at t = 0" },
             counted(self.episodes, "episode"),
@@ -58,7 +58,7 @@ impl Summary<'_> {
     /// Says how long it will take, if all goes well.
     fn clock_words(&self, rate: f64) -> String {
         let batches = self.episodes.div_ceil(self.settings.worlds as u64);
-        let seconds = batches as f64 * EPISODE_STEPS as f64 / rate;
+        let seconds = batches as f64 * self.task.spec().episode_steps as f64 / rate;
         format!(", at {rate} Hz: {seconds:.1} s")
     }
 
@@ -132,7 +132,7 @@ impl Summary<'_> {
         json!({
             "version": env!("CARGO_PKG_VERSION"),
             "task": task.id(),
-            "agents": task.n_agents(),
+            "agents": task.spec().n_agents(),
             "in_process": self.wait.is_none(),
             "wait": self.wait,
             "scheduling": self.scheduling,

@@ -28,10 +28,10 @@ impl Tasks {
             vec![
                 task.id().to_owned(),
                 task.aliases().join(", "),
-                task.n_agents().to_string(),
-                task.padded_obs_dim().to_string(),
-                task.joint_dim().to_string(),
-                task.predicted_dim().to_string(),
+                task.spec().n_agents().to_string(),
+                task.spec().padded_obs_dim().to_string(),
+                task.spec().joint_dim().to_string(),
+                task.spec().predicted_dim().to_string(),
                 if has_policy(task) { "builtin" } else { "-" }.to_owned(),
             ]
         });
@@ -41,9 +41,9 @@ impl Tasks {
         let summaries: String =
             families.iter().map(|task| format!("{:<18}{}\n", task.id(), task.summary())).collect();
         print(&format!(
-            "{}\n{summaries}\nTeams of other sizes: spread-xy-N with even N from 2 to 64, spread-blindfold-N with \
-             N from 1 to 64.\nDimensions are numbers of values; `predicted` are those an imputer completes.\n",
-            table(&header, rows)
+            "{}\n{summaries}\nTeams of other sizes: {}.\nDimensions are numbers of values; `predicted` are those an imputer completes.\n",
+            table(&header, rows),
+            Task::other_sizes()
         ))
     }
 }
@@ -56,11 +56,11 @@ fn as_json(task: &Task) -> serde_json::Value {
     json!({
         "task": task.id(),
         "aliases": task.aliases(),
-        "agents": task.n_agents(),
-        "landmarks": task.n_landmarks(),
-        "observation_dim": task.padded_obs_dim(),
-        "joint_dim": task.joint_dim(),
-        "predicted_dim": task.predicted_dim(),
+        "agents": task.spec().n_agents(),
+        "landmarks": task.spec().landmarks,
+        "observation_dim": task.spec().padded_obs_dim(),
+        "joint_dim": task.spec().joint_dim(),
+        "predicted_dim": task.spec().predicted_dim(),
         "builtin_policy": has_policy(task),
         "summary": task.summary(),
     })

@@ -1,50 +1,77 @@
 //! Hear-see: one agent is told where the goal is, the other sees where both agents are.
 
-use super::physics::Body;
-use super::{Observed, World, write};
+use super::point_mass::{Plane, Rules, worlds, write};
+use super::registry::{Family, Named, named};
+use super::{About, ActionSpace, AgentSpec, Axis, Body, PaperSetting, Physics, Spec, TeamReward, Value};
 
-pub(super) const SUMMARY: &str = "one agent knows the goal, the other sees both agents; both go to the goal";
-pub(super) const N_AGENTS: usize = 2;
-pub(super) const N_LANDMARKS: usize = 1;
-pub(super) const PADDED_OBS_DIM: usize = 8;
-pub(super) const OBS_DIMS: [usize; N_AGENTS] = [2, PADDED_OBS_DIM];
+pub(super) const FAMILY: Family = Family {
+    summary: "one agent knows the goal, the other sees both agents; both go to the goal",
+    named: &[Named {
+        default_for_its_size: true,
+        ..named(N_AGENTS, "hear-see", &["HS", "SimpleBlindDeaf-v0"])
+    }],
+    any_size: None,
+    spec,
+    worlds: worlds::<HearSee>,
+};
+
+const N_AGENTS: usize = 2;
+const PADDED_OBS_DIM: usize = 8;
 const HEARS: usize = 0;
 
-/// See [`observe`].
-pub(super) const OBSERVED: [&[Observed]; N_AGENTS] = [
-    &[Observed::FIXED; 2],
-    &[
-        Observed::moving(4, 1.0),
-        Observed::moving(5, 1.0),
-        Observed::moving(6, 1.0),
-        Observed::moving(7, 1.0),
-        Observed::VELOCITY,
-        Observed::VELOCITY,
-        Observed::VELOCITY,
-        Observed::VELOCITY,
-    ],
-];
+#[derive(Clone, Debug)]
+struct HearSee;
 
-pub(super) fn bodies() -> Vec<Body> {
-    vec![Body::of_size(0.075); N_AGENTS]
-}
-
-/// Agent 0 observes the goal; agent 1 both positions, then both velocities.
-pub(super) fn observe(world: &World, agent: usize, out: &mut [f32]) {
-    let (front, back) = out.split_at_mut(2 * N_AGENTS);
-    if agent == HEARS {
-        front.fill(0.0);
-        back.fill(0.0);
-        write(&[world.landmarks[world.goal]], front);
-    } else {
-        write(&world.positions, front);
-        write(&world.velocities, back);
+/// See [`HearSee::observe`].
+fn spec(id: &str, _n_agents: usize) -> Spec {
+    let hears = Axis::BOTH.map(|axis| Value::place(About::Landmark, axis)).to_vec();
+    let agents = || (0..N_AGENTS).flat_map(|agent| Axis::BOTH.map(|axis| (About::Agent(agent), axis)));
+    let places =
+        agents().enumerate().map(|(at, (about, axis))| Value::moving(about, axis, 2 * N_AGENTS + at, 1.0));
+    let velocities = agents().map(|(about, axis)| Value::velocity(about, axis));
+    let agent = |name: &str, observation| AgentSpec {
+        name: name.to_owned(),
+        observation,
+        actions: ActionSpace::Discrete(5),
+    };
+    Spec {
+        id: id.to_owned(),
+        agents: vec![agent("hears", hears), agent("sees", places.chain(velocities).collect())],
+        unique: PADDED_OBS_DIM,
+        common: Vec::new(),
+        landmarks: 1,
+        episode_steps: 25,
+        dt: HearSee::physics(N_AGENTS).dt,
+        team_reward: TeamReward::SumForEach,
+        paper: PaperSetting::One,
+        positions: true,
     }
 }
 
-/// Both agents pay the mean squared distance to the goal.
-pub(super) fn reward(world: &mut World) {
-    let goal = world.landmarks[world.goal];
-    let squared: f64 = world.positions.iter().map(|position| position.distance_squared(goal)).sum();
-    world.rewards.fill(-squared / N_AGENTS as f64);
+impl Rules for HearSee {
+    const HAS_GOAL: bool = true;
+
+    fn physics(n_agents: usize) -> Physics {
+        Physics::of(vec![Body::of_size(0.075); n_agents])
+    }
+
+    /// Agent 0 observes the goal; agent 1 both positions, then both velocities.
+    fn observe(plane: &Plane, agent: usize, out: &mut [f32]) {
+        let (front, back) = out.split_at_mut(2 * N_AGENTS);
+        if agent == HEARS {
+            front.fill(0.0);
+            back.fill(0.0);
+            write(&[plane.landmarks[plane.goal]], front);
+        } else {
+            write(&plane.positions, front);
+            write(&plane.velocities, back);
+        }
+    }
+
+    /// Both agents pay the mean squared distance to the goal.
+    fn reward(plane: &Plane, _physics: &Physics, rewards: &mut [f64]) {
+        let goal = plane.landmarks[plane.goal];
+        let squared: f64 = plane.positions.iter().map(|position| position.distance_squared(goal)).sum();
+        rewards.fill(-squared / N_AGENTS as f64);
+    }
 }

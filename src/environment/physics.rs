@@ -2,8 +2,6 @@
 
 use glam::DVec2;
 
-use super::N_ACTIONS;
-
 /// The laws of a world. The defaults are those of the reference environments the paper trains on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Physics {
@@ -51,9 +49,10 @@ impl Physics {
     }
 
     /// The force of an action, N; none for an action that does not exist.
-    pub fn action_force(&self, action: u8) -> DVec2 {
-        const DIRECTIONS: [DVec2; N_ACTIONS] = [DVec2::ZERO, DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y];
-        DIRECTIONS.get(usize::from(action)).map_or(DVec2::ZERO, |&direction| direction * self.force)
+    pub fn action_force(&self, action: u32) -> DVec2 {
+        // Nothing, `+x`, `-x`, `+y`, `-y`.
+        const DIRECTIONS: [DVec2; 5] = [DVec2::ZERO, DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y];
+        DIRECTIONS.get(action as usize).map_or(DVec2::ZERO, |&direction| direction * self.force)
     }
 
     /// Adds the contact forces, N, of all pairs of bodies that collide to `forces`.
@@ -86,6 +85,17 @@ impl Physics {
         let (apart, distance) = if distance > 0.0 { (apart, distance) } else { (DVec2::X, 1.0) };
         // In the order of the reference, so that whole episodes agree with it to the last bit.
         Some(self.contact_stiffness * apart / distance * overlap)
+    }
+
+    /// Tells of each pair of bodies that touch.
+    pub fn touching(&self, positions: &[DVec2], mut pair: impl FnMut(usize, usize)) {
+        for a in 0..positions.len() {
+            for b in a + 1..positions.len() {
+                if positions[a].distance(positions[b]) < self.bodies[a].size + self.bodies[b].size {
+                    pair(a, b);
+                }
+            }
+        }
     }
 
     /// Moves the bodies by one step: first the velocities, then the positions with the new velocities.
@@ -176,7 +186,7 @@ mod tests {
         let physics = Physics::of(vec![]);
         assert_eq!(physics.action_force(1), dvec2(5.0, 0.0));
         assert_eq!(physics.action_force(4), dvec2(0.0, -5.0));
-        for action in [0, 5, 255] {
+        for action in [0, 5, u32::MAX] {
             assert_eq!(physics.action_force(action), DVec2::ZERO);
         }
     }

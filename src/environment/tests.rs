@@ -1,110 +1,205 @@
 use super::*;
+use crate::base::rng::{Draws, Purpose};
 
-fn worlds() -> Vec<World> {
+/// One world of each task.
+fn worlds() -> Vec<Box<dyn Environment>> {
     let mut tasks = Task::all();
     tasks.extend(["spread-blindfold-1", "spread-xy-64"].map(|name| Task::parse(name).unwrap()));
-    tasks.iter().map(World::new).collect()
+    tasks.iter().map(|task| task.environment(1)).collect()
 }
 
-fn bits(world: &World) -> Vec<[u64; 2]> {
-    let bodies = world.positions().iter().chain(world.velocities()).chain(world.landmarks());
+fn world(name: &str) -> Box<dyn Environment> {
+    Task::parse(name).unwrap().environment(1)
+}
+
+fn bits(world: &dyn Environment) -> Vec<[u64; 2]> {
+    let State { positions, velocities, landmarks, .. } = world.state(0);
+    let bodies = positions.iter().chain(&velocities).chain(&landmarks);
     bodies.map(|vector| vector.to_array().map(f64::to_bits)).collect()
+}
+
+fn step(world: &mut dyn Environment, actions: &[u32]) -> Vec<f64> {
+    let mut outcome = Outcome::of(1, world.spec().n_agents());
+    world.step(actions, &[true], &mut outcome).unwrap();
+    outcome.rewards
+}
+
+/// Padded observations, `[agents, observation]`.
+fn observe(world: &mut dyn Environment) -> Vec<f32> {
+    let mut observations = vec![f32::NAN; world.spec().n_agents() * world.spec().padded_obs_dim()];
+    world.observe(1, &mut observations).unwrap();
+    observations
 }
 
 #[test]
 fn an_episode_starts_where_its_address_says() {
     for mut world in worlds() {
-        world.reset(7, 3);
-        let (first, goal) = (bits(&world), world.goal());
-        let everywhere = world.positions().iter().chain(world.landmarks());
+        let (agents, width) = (world.spec().n_agents(), world.spec().action_width());
+        world.reset(0, 7, 3).unwrap();
+        let (first, State { positions, velocities, landmarks, goal }) = (bits(&*world), world.state(0));
+        let everywhere = positions.iter().chain(&landmarks);
         assert!(everywhere.flat_map(|place| place.to_array()).all(|x| (-1.0..1.0).contains(&x)));
+        assert!(velocities.iter().all(|&velocity| velocity == DVec2::ZERO));
+        let seen = observe(&mut *world);
         for (seed, episode) in [(7, 4), (8, 3)] {
-            world.reset(seed, episode);
-            assert_ne!(bits(&world), first);
+            world.reset(0, seed, episode).unwrap();
+            assert_ne!(bits(&*world), first);
         }
-        world.step(&vec![1; world.task().n_agents()]);
-        world.reset(7, 3);
-        assert_eq!((bits(&world), world.goal()), (first, goal));
-        assert!(world.velocities().iter().all(|&velocity| velocity == DVec2::ZERO));
-        assert!(world.agent_rewards().iter().all(|&reward| reward == 0.0));
-        assert_eq!(world.message(), None);
+        step(&mut *world, &vec![1; agents * width]);
+        world.reset(0, 7, 3).unwrap();
+        assert_eq!((bits(&*world), world.state(0).goal), (first, goal));
+        assert_eq!(observe(&mut *world), seen, "nothing is left of the episode before");
     }
 }
 
 #[test]
 fn starts_are_drawn_in_a_fixed_order() {
-    let mut world = World::new(&Task::parse("speaker-listener").unwrap());
-    world.reset(1, 2);
+    let mut world = world("speaker-listener");
+    world.reset(0, 1, 2).unwrap();
     let mut draws = Draws::new(1, Purpose::Reset, 2, 0);
-    for place in world.positions().iter().chain(world.landmarks()) {
+    let State { positions, landmarks, goal, .. } = world.state(0);
+    for place in positions.iter().chain(&landmarks) {
         assert_eq!(place.to_array(), [draws.between(-1.0, 1.0), draws.between(-1.0, 1.0)]);
     }
-    assert_eq!(world.goal(), Some(draws.below(3)));
+    assert_eq!(goal, Some(draws.below(3)));
 }
 
 #[test]
 fn every_landmark_becomes_the_goal() {
-    let mut world = World::new(&Task::parse("speaker-listener").unwrap());
+    let mut world = world("speaker-listener");
     let mut seen = [0; 3];
     for episode in 0..300 {
-        world.reset(0, episode);
-        seen[world.goal().unwrap()] += 1;
+        world.reset(0, 0, episode).unwrap();
+        seen[world.state(0).goal.unwrap()] += 1;
     }
     assert!(seen.iter().all(|&times| times > 70), "{seen:?}");
 }
 
 #[test]
 fn the_listener_hears_and_both_are_paid_for_the_goal() {
-    let mut world = World::new(&Task::parse("speaker-listener").unwrap());
-    let landmarks = [DVec2::X, DVec2::Y, DVec2::NEG_X];
-    world.set_state(&[DVec2::ONE, DVec2::ZERO], &[DVec2::ZERO; 2], &landmarks, Some(2), None);
-    let mut seen = [f32::NAN; 11];
-    world.observe(0, &mut seen);
-    assert_eq!(seen, [0.15, 0.15, 0.65, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    world.observe(1, &mut seen);
-    assert_eq!(seen, [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0]);
+    let mut world = world("speaker-listener");
+    let state = State {
+        positions: vec![DVec2::ONE, DVec2::ZERO],
+        velocities: vec![DVec2::ZERO; 2],
+        landmarks: vec![DVec2::X, DVec2::Y, DVec2::NEG_X],
+        goal: Some(2),
+    };
+    world.set_state(0, &state, None).unwrap();
+    let seen = observe(&mut *world);
+    assert_eq!(seen[..11], [0.15, 0.15, 0.65, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(seen[11..], [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0]);
 
-    world.step(&[1, 2]);
-    assert_eq!((world.message(), world.positions()[0]), (Some(1), DVec2::ONE));
-    world.observe(1, &mut seen);
-    assert_eq!(seen, [-0.5, 0.0, 1.05, 0.0, 0.05, 1.0, -0.95, 0.0, 0.0, 1.0, 0.0]);
-    assert!((world.agent_rewards()[0] + 0.95 * 0.95).abs() < 1e-15);
-    assert!((world.team_reward() + 4.0 * 0.95 * 0.95).abs() < 1e-15);
+    let rewards = step(&mut *world, &[1, 2]);
+    assert_eq!(world.positions(0)[0], DVec2::ONE, "the speaker does not move");
+    let seen = observe(&mut *world);
+    assert_eq!(seen[11..], [-0.5, 0.0, 1.05, 0.0, 0.05, 1.0, -0.95, 0.0, 0.0, 1.0, 0.0]);
+    assert!((rewards[0] + 0.95 * 0.95).abs() < 1e-15);
+    assert!((world.spec().team_reward(&rewards) + 4.0 * 0.95 * 0.95).abs() < 1e-15);
 }
 
 #[test]
-fn an_action_an_agent_does_not_have_does_nothing() {
-    for task in Task::all() {
-        let mut world = World::new(&task);
-        world.reset(0, 0);
-        let mut still = world.clone();
-        let beyond: Vec<u8> = (0..task.n_agents()).map(|agent| task.available_actions(agent) as u8).collect();
-        for actions in [beyond, vec![255; task.n_agents()]] {
-            world.step(&actions);
-            still.step(&vec![0; task.n_agents()]);
-            assert_eq!(bits(&world), bits(&still));
-            assert_eq!(world.message(), None);
-        }
+fn a_state_of_another_task_is_refused() {
+    let state = world("hear-see").state(0);
+    for name in ["speaker-listener", "spread-xy-2", "spread-blindfold"] {
+        assert!(world(name).set_state(0, &state, None).is_err());
     }
+    let goal = State { goal: Some(1), ..state };
+    assert!(world("hear-see").set_state(0, &goal, None).is_err(), "there is one landmark");
 }
 
 #[test]
 fn agents_that_all_start_in_one_place_come_apart_and_stay_finite() {
     for mut world in worlds() {
-        let n = world.task().n_agents();
-        let collide = world.task().physics().bodies[0].collides;
-        for _ in 0..EPISODE_STEPS {
-            world.step(&vec![0; n]);
-            assert!(world.positions().iter().all(|position| position.is_finite()));
-            assert!(world.team_reward().is_finite());
+        let Spec { episode_steps, agents, .. } = world.spec().clone();
+        let (n, spread) = (agents.len(), world.spec().id.contains("spread"));
+        let still = vec![0; n * world.spec().action_width()];
+        for _ in 0..episode_steps {
+            let rewards = step(&mut *world, &still);
+            assert!(world.positions(0).iter().all(|position| position.is_finite()));
+            assert!(rewards.iter().all(|reward| reward.is_finite()));
         }
-        let [first, last] = [world.positions()[0], world.positions()[n - 1]];
-        assert_eq!(first != last, collide && n > 1);
+        let [first, last] = [world.positions(0)[0], world.positions(0)[n - 1]];
+        assert_eq!(first != last, spread && n > 1);
     }
 }
 
 #[test]
-#[should_panic(expected = "one action per agent")]
-fn a_step_takes_one_action_per_agent() {
-    World::new(&Task::by_team_size(4).unwrap()).step(&[0; 3]);
+fn worlds_of_a_batch_do_not_touch_each_other() {
+    let mut batch = Task::parse("spread-xy-4").unwrap().environment(3);
+    let (mut outcome, actions) = (Outcome::of(3, 4), [1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2]);
+    (0..3).for_each(|at| batch.reset(at, 5, 10 + at as u64).unwrap());
+    let untouched = bits_of(&*batch, 1);
+    batch.step(&actions, &[true, false, true], &mut outcome).unwrap();
+    assert_eq!(bits_of(&*batch, 1), untouched, "a world that idles stays as it is");
+    assert_eq!(outcome.rewards[4..8], [0.0; 4]);
+    for at in [0, 2] {
+        let mut alone = world("spread-xy-4");
+        alone.reset(0, 5, 10 + at as u64).unwrap();
+        let own: Vec<u32> = (0..4).map(|agent| actions[agent * 3 + at]).collect();
+        assert_eq!(step(&mut *alone, &own), outcome.rewards[4 * at..][..4]);
+        assert_eq!(bits(&*alone), bits_of(&*batch, at));
+    }
+}
+
+fn bits_of(batch: &dyn Environment, at: usize) -> Vec<[u64; 2]> {
+    let State { positions, velocities, .. } = batch.state(at);
+    positions.iter().chain(&velocities).map(|vector| vector.to_array().map(f64::to_bits)).collect()
+}
+
+#[test]
+fn what_is_said_of_every_value_is_what_the_world_does() {
+    for mut world in worlds() {
+        let spec = world.spec().clone();
+        let n = spec.n_agents();
+        world.reset(0, 3, 1).unwrap();
+        for t in 0..10 {
+            let actions: Vec<u32> =
+                (0..n).map(|agent| ((t + agent) % spec.available_actions(agent)) as u32).collect();
+            let before = observe(&mut *world);
+            step(&mut *world, &actions);
+            let after = observe(&mut *world);
+            let rows = before.chunks(spec.padded_obs_dim()).zip(after.chunks(spec.padded_obs_dim()));
+            for (agent, (before, after)) in spec.agents.iter().zip(rows) {
+                assert!(agent.observation.len() <= spec.unique);
+                let padding = &after[agent.observation.len()..spec.unique];
+                assert!(padding.iter().all(|padding| *padding == 0.0));
+                for (dim, value) in agent.observation.iter().enumerate() {
+                    // Velocities change first, so a place moves with that of the step's end.
+                    let expected = match value.rate {
+                        Some((velocity, sign)) => spec.dt as f32 * sign * after[velocity],
+                        None if value.about == About::Landmark => 0.0,
+                        None => continue,
+                    };
+                    let moved = after[dim] - before[dim];
+                    assert!((moved - expected).abs() < 1e-5, "{} {} dim {dim}", spec.id, agent.name);
+                }
+                for dim in spec.unique..spec.padded_obs_dim() {
+                    assert_eq!(before[dim], after[dim], "landmarks stay");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_value_about_an_agent_changes_when_that_agent_is_moved_and_only_then() {
+    for mut world in worlds() {
+        let spec = world.spec().clone();
+        world.reset(0, 9, 2).unwrap();
+        let (state, before) = (world.state(0), observe(&mut *world));
+        for moved in 0..spec.n_agents() {
+            let mut other = state.clone();
+            other.positions[moved] += glam::dvec2(0.25, 0.5);
+            other.velocities[moved] += glam::dvec2(0.125, 0.375);
+            world.set_state(0, &other, None).unwrap();
+            let after = observe(&mut *world);
+            for (agent, spec_of) in spec.agents.iter().enumerate() {
+                for (dim, value) in spec_of.observation.iter().enumerate() {
+                    let at = agent * spec.padded_obs_dim() + dim;
+                    let changes = before[at] != after[at];
+                    assert_eq!(changes, value.about == About::Agent(moved), "{} {agent} {dim}", spec.id);
+                }
+            }
+        }
+    }
 }

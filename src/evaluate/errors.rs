@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::evaluation::{AgeErrors, Calibration, UnitErrors};
 use crate::agent::JointLayout;
 use crate::base::error::Result;
-use crate::environment::{EPISODE_STEPS, Observed, Task, Unit};
+use crate::environment::{Spec, Unit, Value};
 use crate::nn::{LstmState, Policy, Predictor, Scratch, Sigma};
 use crate::supervisor::{Decisions, Observer, Stage, Tick};
 
@@ -17,27 +17,23 @@ const WITHIN_95: f64 = 1.959_963_984_540_054;
 /// predictor can become as sure as it likes of values that never move.
 const SMALLEST_SIGMA: f64 = 1e-6;
 
-/// The oldest value there is: received when the episode starts, and never again.
-const OLDEST: usize = EPISODE_STEPS - 1;
-
 /// Compares the estimates of a team with the truth while it plays.
 ///
 /// What the predictor was sure of is computed here once more, from the same estimates: agents send no sigma.
 #[derive(Debug)]
 pub(super) struct ErrorLedger {
-    task: Task,
+    spec: Spec,
     layout: JointLayout,
     /// Steps since receiver i received sender j, `[agents, worlds, agents]`; `None` before it ever did.
     ages: Vec<Option<usize>>,
     expectation: Option<Expectation>,
-    /// Of the episodes under way, `[worlds]`.
-    open: Vec<Errors>,
-    /// Of finished episodes, added up in their order.
-    finished: Errors,
+    /// The ages there can be: the oldest value was received when the episode started, and never again.
+    oldest: usize,
+    /// Of the episodes under way, `[worlds, units, oldest]`.
+    open: Vec<AgeErrors>,
+    /// Of finished episodes, added up in their order, `[units, oldest]`.
+    finished: Vec<AgeErrors>,
 }
-
-/// By unit and age.
-type Errors = [[AgeErrors; OLDEST]; Unit::ALL.len()];
 
 /// How far off the predictor expects to be.
 #[derive(Debug)]
@@ -53,7 +49,7 @@ struct Expectation {
 
 impl ErrorLedger {
     /// For episodes of `task`, imputed with the predictor of this name, if `policy` has one.
-    pub(super) fn new(task: &Task, policy: &Policy, imputer: &str) -> ErrorLedger {
+    pub(super) fn new(spec: &Spec, policy: &Policy, imputer: &str) -> ErrorLedger {
         let expectation = policy.predictor(imputer).map(|predictor| Expectation {
             predictor: predictor.clone(),
             state: predictor.state(0),
@@ -62,12 +58,13 @@ impl ErrorLedger {
             variances: Vec::new(),
         });
         ErrorLedger {
-            task: task.clone(),
-            layout: JointLayout::of(task),
+            spec: spec.clone(),
+            layout: JointLayout::of(spec),
             ages: Vec::new(),
             expectation,
+            oldest: spec.episode_steps - 1,
             open: Vec::new(),
-            finished: Errors::default(),
+            finished: vec![AgeErrors::default(); Unit::ALL.len() * (spec.episode_steps - 1)],
         }
     }
 
@@ -75,7 +72,7 @@ impl ErrorLedger {
     fn restart(&mut self, worlds: usize) {
         let rows = self.layout.agents * worlds;
         restart(&mut self.ages, rows * self.layout.agents, None);
-        restart(&mut self.open, worlds, Errors::default());
+        restart(&mut self.open, worlds * self.finished.len(), AgeErrors::default());
         if let Some(expectation) = &mut self.expectation {
             expectation.state.start(&expectation.predictor, rows);
             restart(&mut expectation.variances, rows * self.layout.predicted(), 0.0);
@@ -83,8 +80,8 @@ impl ErrorLedger {
         }
     }
 
-    /// Notes what the agents made of a tick.
-    fn note(&mut self, tick: &Tick, decisions: &Decisions) {
+    /// Notes what the agents made of a tick in the worlds that play.
+    fn note(&mut self, tick: &Tick, decisions: &Decisions, plays: impl Fn(usize) -> bool) {
         let agents = self.layout.agents;
         for row in 0..agents * tick.worlds {
             let ages = &mut self.ages[row * agents..(row + 1) * agents];
@@ -92,7 +89,9 @@ impl ErrorLedger {
                 let received = decisions.used[row] >> sender & 1 == 1;
                 *age = if received { Some(0) } else { age.map(|age| age + 1) };
             }
-            self.compare(tick, decisions, row);
+            if plays(row % tick.worlds) {
+                self.compare(tick, decisions, row);
+            }
         }
         if let Some(expectation) = &mut self.expectation {
             expectation.step(&self.layout, &self.ages, &decisions.estimates);
@@ -101,14 +100,14 @@ impl ErrorLedger {
 
     /// Compares the estimate of one receiver in one world with the truth.
     fn compare(&mut self, tick: &Tick, decisions: &Decisions, row: usize) {
-        let ErrorLedger { task, layout, ages, expectation, open, .. } = self;
-        let errors = &mut open[row % tick.worlds];
+        let ErrorLedger { spec, layout, ages, expectation, oldest, open, finished } = self;
+        let errors = &mut open[row % tick.worlds * finished.len()..];
         let joint = layout.joint();
         let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
         for (sender, age) in ages[row * layout.agents..].iter().take(layout.agents).enumerate() {
             let Some(age) = age.and_then(|age| age.checked_sub(1)) else { continue };
-            let truth = tick.observation(task, sender, row % tick.worlds);
-            for (dim, Observed { unit, .. }) in task.observed(sender).iter().enumerate() {
+            let truth = tick.observation(spec, sender, row % tick.worlds);
+            for (dim, Value { unit, .. }) in spec.agents[sender].observation.iter().enumerate() {
                 let at = sender * layout.unique + dim;
                 let error = f64::from(estimate[at]) - f64::from(truth[dim]);
                 let squared = error * error;
@@ -119,24 +118,22 @@ impl ErrorLedger {
                     let (within_50, within_95) = (within(WITHIN_50), within(WITHIN_95));
                     Calibration { count: 1, z_squared, within_50, within_95 }
                 });
-                errors[*unit as usize][age].add(&AgeErrors { count: 1, squared, calibration });
+                errors[*unit as usize * *oldest + age].add(&AgeErrors { count: 1, squared, calibration });
             }
         }
     }
 
     /// The episodes are over.
     fn close(&mut self) {
-        for errors in &self.open {
-            for (sum, errors) in self.finished.as_flattened_mut().iter_mut().zip(errors.as_flattened()) {
-                sum.add(errors);
-            }
+        for errors in self.open.chunks_exact(self.finished.len()) {
+            self.finished.iter_mut().zip(errors).for_each(|(sum, errors)| sum.add(errors));
         }
     }
 
     /// The errors of all finished episodes.
     pub(super) fn finish(self) -> Vec<UnitErrors> {
         let of = |unit: Unit| {
-            let ages = &self.finished[unit as usize];
+            let ages = &self.finished[unit as usize * self.oldest..][..self.oldest];
             let oldest = ages.iter().rposition(|errors| errors.count > 0)?;
             Some(UnitErrors { unit, ages: ages[..=oldest].to_vec() })
         };
@@ -146,12 +143,12 @@ impl ErrorLedger {
 
 impl Observer for ErrorLedger {
     fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
-        self.restart(stage.worlds().len());
+        self.restart(stage.worlds());
         Ok(())
     }
 
     fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
-        self.note(&stage.tick(), decisions);
+        self.note(&stage.tick(), decisions, |world| stage.plays(world));
         Ok(())
     }
 
@@ -190,22 +187,23 @@ fn restart<T: Clone>(values: &mut Vec<T>, length: usize, value: T) {
 mod tests {
     use super::*;
     use crate::agent::dims;
+    use crate::environment::Task;
     use crate::nn::{ActorKind, Meta, Networks};
 
     /// Hear-see with a predictor that expects no change, with sigma 1, whatever it sees.
-    fn sure_of_nothing() -> (Task, Policy) {
-        let task = Task::parse("hear-see").unwrap();
+    fn sure_of_nothing() -> (Spec, Policy) {
+        let spec = Task::parse("hear-see").unwrap().spec().clone();
         let networks = Networks::paper(ActorKind::Mlp);
-        let values = vec![0.0; Policy::untrained(&dims(&task), 0, networks.clone()).unwrap().n_values()];
-        let policy = Policy::new(&dims(&task), Meta::new("hear-see", 0), networks, &values).unwrap();
-        (task, policy)
+        let values = vec![0.0; Policy::untrained(&dims(&spec), 0, networks.clone()).unwrap().n_values()];
+        let policy = Policy::new(&dims(&spec), Meta::new("hear-see", 0), networks, &values).unwrap();
+        (spec, policy)
     }
 
     /// Plays four steps in one world. Agent 1 observes the places 1, 2, 3, 4 m, at rest, and agent 0 believes
     /// them to be off by 0.1 m per step without news; agent 1 always knows what agent 0 observes.
     fn four_steps(imputer: &str, received: [bool; 4]) -> Vec<UnitErrors> {
-        let (task, policy) = sure_of_nothing();
-        let mut ledger = ErrorLedger::new(&task, &policy, imputer);
+        let (spec, policy) = sure_of_nothing();
+        let mut ledger = ErrorLedger::new(&spec, &policy, imputer);
         ledger.restart(1);
         let hears = [0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let sees = [1.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0];
@@ -222,7 +220,7 @@ mod tests {
             let step = step as u32;
             let (observations, rows) = (&observations, &[0, 0]);
             let tick = Tick { episode: 0, step, tick: 1, worlds: 1, observations, rows };
-            ledger.note(&tick, &decisions);
+            ledger.note(&tick, &decisions, |_| true);
         }
         ledger.close();
         ledger.finish()

@@ -4,7 +4,7 @@ use super::errors::ErrorLedger;
 use super::evaluation::{Outcome, Settings};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
-use crate::environment::{EPISODE_STEPS, Task, World};
+use crate::environment::{End, Outcome as Stepped, Task};
 use crate::link::{LinkModel, Links};
 use crate::nn::Policy;
 use crate::supervisor::{Ledger, Session, Team, signals};
@@ -25,8 +25,8 @@ pub(super) fn play(
 ) -> Result<Outcome> {
     let links = LinkModel::new(links, settings.seed, settings.comm_at_t0);
     let end = FIRST_EPISODE + settings.episodes;
-    let mut session = Session::new(task, links, settings.seed, worlds).starting_at(FIRST_EPISODE);
-    let (mut ledger, mut errors) = (Ledger::default(), ErrorLedger::new(task, policy, imputer));
+    let mut session = Session::new(task.environment(worlds), links, settings.seed).starting_at(FIRST_EPISODE);
+    let (mut ledger, mut errors) = (Ledger::default(), ErrorLedger::new(task.spec(), policy, imputer));
     session.play(team, end, &mut [&mut ledger, &mut errors])?;
     let statistics = ledger.into_statistics();
     let returns = statistics.episodes().iter().map(|episode| episode.episode_return).collect();
@@ -38,19 +38,22 @@ pub(super) fn play(
 /// # Errors
 /// `Interrupted` if the program was asked to stop.
 pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Result<Vec<f64>> {
-    let mut world = World::new(task);
-    let mut actions = vec![0; task.n_agents()];
+    let (spec, mut world) = (task.spec(), task.environment(1));
+    let (mut actions, mut stepped) = (vec![0; spec.n_agents()], Stepped::of(1, spec.n_agents()));
     let mut play = |episode| {
         signals::check_stop()?;
-        world.reset(settings.seed, episode);
+        world.reset(0, settings.seed, episode)?;
         let mut episode_return = 0.0;
-        for step in 0..EPISODE_STEPS as u64 {
+        for step in 0..spec.episode_steps as u64 {
             let mut draws = Draws::new(settings.seed, Purpose::Action, episode, step);
             for (agent, action) in actions.iter_mut().enumerate() {
-                *action = draws.at(agent, 0).below(task.available_actions(agent)) as u8;
+                *action = draws.at(agent, 0).below(spec.available_actions(agent)) as u32;
             }
-            world.step(&actions);
-            episode_return += world.team_reward();
+            world.step(&actions, &[true], &mut stepped)?;
+            episode_return += spec.team_reward(&stepped.rewards);
+            if stepped.ends[0] != End::Open {
+                break;
+            }
         }
         Ok(episode_return)
     };
@@ -70,10 +73,10 @@ mod tests {
 
     fn outcome(task: &str, p: f64, imputer: &str, worlds: usize) -> Outcome {
         let task = Task::parse(task).unwrap();
-        let policy = PolicySource::Builtin.load(&task).unwrap();
+        let policy = PolicySource::Builtin.load(task.spec()).unwrap();
         let imputer = ImputerName::choose(Some(imputer), &policy).unwrap();
         let agents =
-            AgentSettings { imputer: imputer.clone(), seed: 4, worlds, ..AgentSettings::for_task(&task) };
+            AgentSettings { imputer: imputer.clone(), seed: 4, worlds, ..AgentSettings::of(task.spec()) };
         let mut team = InProcess::new(&agents, &policy).unwrap();
         play(&settings(9), &policy, &task, Links::Level(p), &imputer.to_string(), worlds, &mut team).unwrap()
     }

@@ -150,7 +150,7 @@ impl Sweep {
         let Entrant { source, policy, task, .. } = job.entrant;
         let imputer = job.imputer.unwrap_or(&ImputerName::Hold);
         let settings = AgentSettings {
-            task: task.id().to_owned(),
+            spec: task.spec().clone(),
             policy: source.clone(),
             imputer: imputer.clone(),
             greedy: self.settings.greedy,

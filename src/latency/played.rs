@@ -28,7 +28,7 @@ impl Setup {
         let task = Task::parse(&format!("spread-blindfold-{agents}"))?;
         let folder = tempfile::tempdir().map_err(|e| Error::io("make", &std::env::temp_dir(), e.kind()))?;
         let path = folder.path().join("policy.safetensors");
-        Policy::untrained(&dims(&task), 0, Networks::paper(paper_actor(&task)))?.save(&path)?;
+        Policy::untrained(&dims(task.spec()), 0, Networks::paper(paper_actor(task.spec())))?.save(&path)?;
         Ok(Setup { task, policy: path, _folder: folder })
     }
 
@@ -39,7 +39,7 @@ impl Setup {
 
     /// Bytes of the observation that an agent publishes for so many worlds.
     pub fn payload(&self, worlds: usize) -> usize {
-        worlds * 4 * self.task.padded_obs_dim()
+        worlds * 4 * self.task.spec().padded_obs_dim()
     }
 
     /// The number of worlds whose observations come closest to this many bytes.
@@ -62,10 +62,10 @@ impl Played {
         let task = &setup.task;
         let policy = PolicySource::File(setup.policy.clone());
         let imputer = ImputerName::Predictor(PREFERRED.to_owned());
-        let settings = AgentSettings { policy, imputer, worlds, ..AgentSettings::for_task(task) };
-        let team = Processes::start(&settings, &settings.policy.load(task)?, wait)?;
+        let settings = AgentSettings { policy, imputer, worlds, ..AgentSettings::of(task.spec()) };
+        let team = Processes::start(&settings, &settings.policy.load(task.spec())?, wait)?;
         let links = LinkModel::new(Links::Level(1.0), settings.seed, true);
-        Ok(Played { session: Session::new(task, links, settings.seed, worlds), team })
+        Ok(Played { session: Session::new(task.environment(worlds), links, settings.seed), team })
     }
 
     /// The agents.

@@ -37,7 +37,7 @@ impl Tick {
     /// Plays for so long with agents and for so long with bare ones. The payload is what comes closest with a whole
     /// number of worlds.
     pub fn measure(setup: &Setup, payload: usize, wait: Wait, longest: Duration) -> Result<Tick> {
-        let (agents, worlds) = (setup.task().n_agents(), setup.worlds(payload));
+        let (agents, worlds) = (setup.task().spec().n_agents(), setup.worlds(payload));
         let payload = setup.payload(worlds);
         let mut measured = Tick {
             agents,

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::{Decisions, Observer, Stage, Tick};
 use crate::base::error::Result;
-use crate::environment::Task;
+use crate::environment::Spec;
 
 /// Counts the parts of policy inputs by origin. A part is the unique part of one agent's observation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -26,38 +26,38 @@ pub struct Audit {
 
 impl Observer for Audit {
     fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
-        self.tick(stage.task(), &stage.tick(), decisions);
+        for world in stage.playing() {
+            self.look_at(stage.spec(), &stage.tick(), world, decisions);
+        }
         Ok(())
     }
 }
 
 impl Audit {
-    /// Looks at one tick.
-    fn tick(&mut self, task: &Task, tick: &Tick, decisions: &Decisions) {
-        let (agents, worlds) = (task.n_agents(), tick.worlds);
-        let (joint, predicted) = (task.joint_dim(), task.predicted_dim());
-        let (unique, common) = (task.unique_dim(), task.common_dim());
+    /// Looks at one tick of a world.
+    fn look_at(&mut self, spec: &Spec, tick: &Tick, world: usize, decisions: &Decisions) {
+        let agents = spec.n_agents();
+        let (joint, predicted) = (spec.joint_dim(), spec.predicted_dim());
+        let (unique, common) = (spec.unique_dim(), spec.common_dim());
         for agent in decisions.present(agents) {
-            for world in 0..worlds {
-                let row = agent * worlds + world;
-                let (up, used) = (tick.rows[row], decisions.used[row]);
-                let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
-                self.leaked += u64::from((used & !up).count_ones());
-                for sender in 0..agents {
-                    let is_used = used >> sender & 1 == 1;
-                    let part = &estimate[sender * unique..(sender + 1) * unique];
-                    let same = is_same(part, &tick.observation(task, sender, world)[..unique]);
-                    match (sender == agent, is_used) {
-                        (true, _) => self.own += 1,
-                        (false, true) => self.received += 1,
-                        (false, false) => self.imputed += 1,
-                    }
-                    self.late += u64::from(up >> sender & 1 == 1 && !is_used);
-                    self.altered += u64::from((sender == agent || is_used) && !same);
+            let row = agent * tick.worlds + world;
+            let (up, used) = (tick.rows[row], decisions.used[row]);
+            let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
+            self.leaked += u64::from((used & !up).count_ones());
+            for sender in 0..agents {
+                let is_used = used >> sender & 1 == 1;
+                let part = &estimate[sender * unique..(sender + 1) * unique];
+                let same = is_same(part, &tick.observation(spec, sender, world)[..unique]);
+                match (sender == agent, is_used) {
+                    (true, _) => self.own += 1,
+                    (false, true) => self.received += 1,
+                    (false, false) => self.imputed += 1,
                 }
-                let own_common = &tick.observation(task, agent, world)[unique..unique + common];
-                self.altered += u64::from(!is_same(&estimate[predicted..], own_common));
+                self.late += u64::from(up >> sender & 1 == 1 && !is_used);
+                self.altered += u64::from((sender == agent || is_used) && !same);
             }
+            let own_common = &tick.observation(spec, agent, world)[unique..unique + common];
+            self.altered += u64::from(!is_same(&estimate[predicted..], own_common));
         }
     }
 

@@ -4,12 +4,12 @@ use super::{Decisions, Team, Tick, check_weights};
 use crate::agent::{Agent, AgentSettings, Member, Sensed};
 use crate::base::error::Result;
 use crate::bus::{AgentPort, Header, Kind, Layout, LocalHub, LocalPort, LocalSample, PROTOCOL, Sample};
-use crate::environment::Task;
+use crate::environment::Spec;
 use crate::nn::Policy;
 
 /// The agents of a team in this process. `P` is their port, by default the plain in-process one.
 pub struct InProcess<P: AgentPort = LocalPort> {
-    task: Task,
+    spec: Spec,
     hub: LocalHub,
     members: Vec<Member<P>>,
     layout: Layout,
@@ -33,14 +33,14 @@ impl<P: AgentPort> InProcess<P> {
         policy: &Policy,
         wrap: impl Fn(LocalPort) -> P,
     ) -> Result<InProcess<P>> {
-        let (task, layout) = (settings.task()?, settings.layout()?);
-        let hub = LocalHub::new(task.n_agents());
+        let (spec, layout) = (settings.spec.clone(), settings.layout());
+        let hub = LocalHub::new(spec.n_agents());
         let member = |index| {
             let agent = Agent::with_policy(settings, policy, index)?;
             Ok(Member::new(agent, wrap(hub.port(index)), layout, 0, 0))
         };
-        let members = (0..task.n_agents()).map(member).collect::<Result<_>>()?;
-        Ok(InProcess { task, hub, members, layout, policy_weights: policy.n_values(), weights: 0 })
+        let members = (0..spec.n_agents()).map(member).collect::<Result<_>>()?;
+        Ok(InProcess { spec, hub, members, layout, policy_weights: policy.n_values(), weights: 0 })
     }
 }
 
@@ -68,7 +68,7 @@ impl<P: AgentPort> Team for InProcess<P> {
         }
         while let Some(decision) = self.hub.receive_decision() {
             let agent = decision.header().sender as usize;
-            decisions.take(&self.task, tick, agent, &layout.decision(decision.words(), worlds))?;
+            decisions.take(&self.spec, tick, agent, &layout.decision(decision.words(), worlds))?;
         }
         self.members.iter_mut().for_each(Member::predict);
         decisions.check_nobody_late(tick)

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::{Decisions, EpisodeStatistics, Observer, Stage, Statistics, Tick};
 use crate::base::error::Result;
-use crate::environment::Task;
+use crate::environment::Spec;
 
 /// Counts what happens, episode by episode.
 #[derive(Default)]
@@ -33,25 +33,26 @@ impl Observer for Ledger<'_> {
     fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
         self.began.get_or_insert_with(Instant::now);
         self.playing.clear();
-        self.playing.resize(stage.worlds().len(), EpisodeStatistics::default());
+        self.playing.resize(stage.worlds(), EpisodeStatistics::default());
         Ok(())
     }
 
     fn ticked(&mut self, stage: &Stage, decisions: &Decisions, exchange: Duration) -> Result<()> {
-        let (task, tick) = (stage.task(), stage.tick());
+        let (spec, tick) = (stage.spec(), stage.tick());
         self.statistics.push_tick(exchange);
-        for (world, episode) in self.playing.iter_mut().enumerate() {
-            episode.due += task.n_agents() as u64;
+        for world in stage.playing() {
+            let episode = &mut self.playing[world];
+            episode.due += spec.n_agents() as u64;
             episode.missed += u64::from(decisions.missing.count_ones());
-            count_deliveries(task, &tick, decisions, world, episode);
-            sum_imputation_errors(task, &tick, decisions, world, episode);
+            count_deliveries(spec, &tick, decisions, world, episode);
+            sum_imputation_errors(spec, &tick, decisions, world, episode);
         }
         Ok(())
     }
 
     fn stepped(&mut self, stage: &Stage, _decisions: &Decisions) -> Result<()> {
-        for (world, episode) in stage.worlds().iter().zip(&mut self.playing) {
-            episode.episode_return += world.team_reward();
+        for world in stage.stepped() {
+            self.playing[world].episode_return += stage.team_reward(world);
         }
         self.statistics.set_elapsed(self.began.map_or(Duration::ZERO, |began| began.elapsed()));
         Ok(())
@@ -67,7 +68,7 @@ impl Observer for Ledger<'_> {
 }
 
 fn count_deliveries(
-    task: &Task,
+    spec: &Spec,
     tick: &Tick,
     decisions: &Decisions,
     world: usize,
@@ -76,7 +77,7 @@ fn count_deliveries(
     if tick.step == 0 {
         return;
     }
-    let agents = task.n_agents();
+    let agents = spec.n_agents();
     for agent in decisions.present(agents) {
         let row = agent * tick.worlds + world;
         let used = decisions.used[row] & !(1 << agent);
@@ -87,18 +88,18 @@ fn count_deliveries(
 }
 
 fn sum_imputation_errors(
-    task: &Task,
+    spec: &Spec,
     tick: &Tick,
     decisions: &Decisions,
     world: usize,
     episode: &mut EpisodeStatistics,
 ) {
-    let (agents, joint, unique) = (task.n_agents(), task.joint_dim(), task.unique_dim());
+    let (agents, joint, unique) = (spec.n_agents(), spec.joint_dim(), spec.unique_dim());
     for agent in decisions.present(agents) {
         let row = agent * tick.worlds + world;
         for sender in (0..agents).filter(|sender| decisions.used[row] >> sender & 1 == 0) {
             let imputed = &decisions.estimates[row * joint + sender * unique..][..unique];
-            let truth = &tick.observation(task, sender, world)[..unique];
+            let truth = &tick.observation(spec, sender, world)[..unique];
             let squares = imputed.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));
             episode.squared_error += squares.sum::<f64>();
             episode.imputed += unique as u64;

@@ -32,9 +32,10 @@ pub use statistics::{EpisodeStatistics, Statistics};
 
 use crate::base::error::Result;
 use crate::bus::{Decision, DecisionTimes, Header, Layout, now_ns};
-use crate::environment::Task;
+use crate::environment::Spec;
 use crate::failed;
 use crate::nn::kernels::all_finite;
+use crate::recording::Action;
 
 /// What the supervisor gives a team at a tick.
 #[derive(Clone, Copy, Debug)]
@@ -56,13 +57,13 @@ pub struct Tick<'a> {
 /// What a team answers.
 #[derive(Clone, Debug, Default)]
 pub struct Decisions {
-    /// `[agents, worlds]`.
-    pub actions: Vec<u8>,
+    /// `[agents, worlds, width]`, see [`ActionSpace`](crate::environment::ActionSpace).
+    pub actions: Vec<u32>,
     /// Whose observations an agent used, `[agents, worlds]`.
     pub used: Vec<u64>,
     /// The policies' inputs, `[agents, worlds, joint]`.
     pub estimates: Vec<f32>,
-    /// `[agents, worlds, N_ACTIONS]`.
+    /// `[agents, worlds, n_actions]`.
     pub logits: Vec<f32>,
     /// The agents that did not decide in time, bit by bit. Their actions are those of the tick before, or 0 if the
     /// episode has just begun; what else there is of them is old.
@@ -113,8 +114,8 @@ fn check_weights(expected: usize, weights: &[f32]) -> Result<()> {
 
 impl Tick<'_> {
     /// The padded observation of one agent in one world.
-    pub fn observation(&self, task: &Task, agent: usize, world: usize) -> &[f32] {
-        let length = task.padded_obs_dim();
+    pub fn observation(&self, spec: &Spec, agent: usize, world: usize) -> &[f32] {
+        let length = spec.padded_obs_dim();
         &self.observations[(agent * self.worlds + world) * length..][..length]
     }
 
@@ -143,11 +144,18 @@ impl Decisions {
     /// Makes room for a team of `agents` in `worlds` worlds.
     fn resize(&mut self, agents: usize, worlds: usize, layout: &Layout) {
         let rows = agents * worlds;
-        self.actions.resize(rows, 0);
+        self.actions.resize(rows * layout.action, 0);
         self.used.resize(rows, 0);
         self.estimates.resize(rows * layout.joint, 0.0);
         self.logits.resize(rows * layout.logits, 0.0);
         self.times.resize(agents, AgentTimes::default());
+    }
+
+    /// What an agent did in a world.
+    fn action(&self, spec: &Spec, tick: &Tick, agent: usize, world: usize) -> Action {
+        let width = spec.action_width();
+        let words = &self.actions[(agent * tick.worlds + world) * width..][..width];
+        Action::of(&spec.agents[agent].actions, words)
     }
 
     /// The agents of a team of so many that decided in time.
@@ -157,13 +165,16 @@ impl Decisions {
     }
 
     /// Takes in one agent's decision for all worlds of a tick.
-    fn take(&mut self, task: &Task, tick: &Tick, agent: usize, decision: &Decision) -> Result<()> {
-        let (first, available) = (agent * tick.worlds, task.available_actions(agent));
-        for (world, action) in decision.actions.iter().enumerate() {
-            if *action as usize >= available {
-                return Err(failed!("agent-{agent} chose action {action}, it has {available}"));
+    fn take(&mut self, spec: &Spec, tick: &Tick, agent: usize, decision: &Decision) -> Result<()> {
+        let (first, space) = (agent * tick.worlds, &spec.agents[agent].actions);
+        let width = decision.actions.len() / tick.worlds;
+        for (world, action) in decision.actions.chunks_exact(width).enumerate() {
+            if !space.contains(action) {
+                return Err(failed!(
+                    "agent-{agent} chose an action it does not have: {action:?} of {space:?}"
+                ));
             }
-            self.actions[first + world] = *action as u8;
+            self.actions[(first + world) * width..][..width].copy_from_slice(action);
             self.used[first + world] = decision.row(world);
         }
         let (estimates, logits) = (decision.estimates, decision.logits);

@@ -15,7 +15,7 @@ use crate::bus::{
     Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
     now_ns, wait_for_moment, wait_until, wake_on_time,
 };
-use crate::environment::Task;
+use crate::environment::Spec;
 use crate::failed;
 use crate::nn::Policy;
 
@@ -28,7 +28,7 @@ const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 /// A running swarm. Dropping it ends the agents and leaves nothing behind.
 #[derive(Debug)]
 pub struct Processes {
-    task: Task,
+    spec: Spec,
     agents: Vec<ChildProcess>,
     port: SupervisorPort,
     /// Which swarm it is, and which weights are in force.
@@ -75,8 +75,8 @@ impl Processes {
         conduct: impl Into<Conduct>,
     ) -> Result<Processes> {
         let Conduct { wait, rate, scheduling } = conduct.into();
-        let (task, layout) = (settings.task()?, settings.layout()?);
-        let team = task.n_agents();
+        let (spec, layout) = (settings.spec.clone(), settings.layout());
+        let team = spec.n_agents();
         let directory = SwarmDirectory::create()?;
         let weights = if settings.policy == PolicySource::Training { policy.n_values() } else { 0 };
         let settings = share_weights(settings, policy, &directory)?;
@@ -90,7 +90,7 @@ impl Processes {
         check_shared_memory(&address, &layout)?;
         allow_open_files(team)?;
         let mut swarm = Processes {
-            task,
+            spec,
             agents: Vec::with_capacity(team),
             port: SupervisorPort::create(&address, &layout)?,
             identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
@@ -278,7 +278,7 @@ impl Processes {
             if let Some(agent) = self.mark(&sample, Kind::Decision, tick.tick, words) {
                 let decision = self.layout.decision(sample.words(), tick.worlds);
                 decisions.times[agent].decided_ns = sample.header().sent_ns;
-                decisions.take(&self.task, tick, agent, &decision)?;
+                decisions.take(&self.spec, tick, agent, &decision)?;
             }
         }
         Ok(())

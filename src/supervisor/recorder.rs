@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::{Decisions, Observer, Stage, Tick};
 use crate::base::error::Result;
-use crate::environment::{N_ACTIONS, Task};
+use crate::environment::{End, Spec};
 use crate::recording::{Episode, Header, RecordingFile};
 
 /// Writes down what the agents saw and thought, and what the worlds did.
@@ -31,26 +31,28 @@ impl Recorder {
 impl Observer for Recorder {
     fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
         self.playing.clear();
-        for (world, number) in stage.worlds().iter().zip(stage.tick().episode..) {
+        for (world, number) in (0..stage.worlds()).zip(stage.tick().episode..) {
             let (episode, p) = (Some(number), stage.links().level(number));
-            self.playing.push(Episode { episode, p, ..Episode::begin(world) });
+            self.playing.push(Episode { episode, p, ..Episode::begin(stage.environment().state(world)) });
         }
         Ok(())
     }
 
     fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
-        for (world, episode) in self.playing.iter_mut().enumerate() {
-            record_tick(stage.task(), &stage.tick(), decisions, world, episode);
+        for world in stage.playing() {
+            record_tick(stage.spec(), &stage.tick(), decisions, world, &mut self.playing[world]);
         }
         Ok(())
     }
 
     fn stepped(&mut self, stage: &Stage, _decisions: &Decisions) -> Result<()> {
-        for (world, episode) in stage.worlds().iter().zip(&mut self.playing) {
-            episode.push_state(world);
-            episode.agent_reward.push(world.agent_rewards().to_vec());
-            episode.team_reward.push(world.team_reward());
-            episode.episode_return += world.team_reward();
+        for world in stage.stepped() {
+            let episode = &mut self.playing[world];
+            episode.push_state(stage.environment().state(world));
+            episode.agent_reward.push(stage.rewards(world).to_vec());
+            episode.team_reward.push(stage.team_reward(world));
+            episode.episode_return += stage.team_reward(world);
+            episode.terminated = stage.end(world) == End::Terminated;
         }
         Ok(())
     }
@@ -60,16 +62,16 @@ impl Observer for Recorder {
     }
 }
 
-fn record_tick(task: &Task, tick: &Tick, decisions: &Decisions, world: usize, episode: &mut Episode) {
-    let (agents, joint) = (task.n_agents(), task.joint_dim());
+fn record_tick(spec: &Spec, tick: &Tick, decisions: &Decisions, world: usize, episode: &mut Episode) {
+    let (agents, joint, n_actions) = (spec.n_agents(), spec.joint_dim(), spec.n_actions());
     let rows = || (0..agents).map(|agent| agent * tick.worlds + world);
     let bits = |row: u64| (0..agents).map(|sender| (row >> sender & 1) as u8).collect();
-    episode.obs.push((0..agents).map(|agent| tick.observation(task, agent, world).to_vec()).collect());
-    episode.actions.push(rows().map(|row| decisions.actions[row]).collect());
+    episode.obs.push((0..agents).map(|agent| tick.observation(spec, agent, world).to_vec()).collect());
+    episode.actions.push((0..agents).map(|agent| decisions.action(spec, tick, agent, world)).collect());
     episode.delivered.push(rows().map(|row| bits(decisions.used[row])).collect());
     episode
         .joint_estimate
         .push(rows().map(|row| decisions.estimates[row * joint..][..joint].to_vec()).collect());
-    let logits = |(agent, row)| decisions.logits[row * N_ACTIONS..][..task.available_actions(agent)].to_vec();
+    let logits = |(agent, row)| decisions.logits[row * n_actions..][..spec.available_actions(agent)].to_vec();
     episode.logits.push(rows().enumerate().map(logits).collect());
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::{Decisions, Observer, Stage, Team, signals};
 use crate::base::error::Result;
-use crate::environment::Task;
+use crate::environment::Environment;
 use crate::link::LinkModel;
 
 /// The one episode driver: worlds and links, in which a [`Team`] plays while [`Observer`]s look on.
@@ -15,9 +15,9 @@ pub struct Session {
 }
 
 impl Session {
-    /// A session in `worlds` parallel worlds.
-    pub fn new(task: &Task, links: LinkModel, seed: u64, worlds: usize) -> Session {
-        Session { stage: Stage::new(task, links, seed, worlds), decisions: Decisions::default() }
+    /// A session in all worlds of an environment.
+    pub fn new(environment: Box<dyn Environment>, links: LinkModel, seed: u64) -> Session {
+        Session { stage: Stage::new(environment, links, seed), decisions: Decisions::default() }
     }
 
     /// Begins with this episode instead of number 0.
@@ -55,9 +55,9 @@ impl Session {
         observers: &mut [&mut dyn Observer],
     ) -> Result<()> {
         let Session { stage, decisions } = self;
-        stage.begin_episodes(end);
+        stage.begin_episodes(end)?;
         observers.iter_mut().try_for_each(|observer| observer.begin_episodes(stage))?;
-        stage.sense();
+        stage.sense()?;
         while stage.is_playing() {
             signals::check_stop()?;
             if observers.iter().any(|observer| observer.has_seen_enough()) {
@@ -68,9 +68,9 @@ impl Session {
             team.tick(&stage.tick(), decisions)?;
             let exchange = exchange.elapsed();
             observers.iter_mut().try_for_each(|observer| observer.ticked(stage, decisions, exchange))?;
-            stage.step_worlds(&decisions.actions);
+            stage.step_worlds(decisions)?;
             observers.iter_mut().try_for_each(|observer| observer.stepped(stage, decisions))?;
-            stage.sense();
+            stage.sense()?;
         }
         if observers.iter().any(|observer| observer.wants_last_tick()) {
             stage.draw_links();

@@ -1,19 +1,20 @@
 //! The supervisor's side of a tick: worlds, sensors and links.
 
-use super::Tick;
+use std::fmt;
+
+use super::{Decisions, Tick};
+use crate::base::error::Result;
 use crate::base::rng::MAX_AGENTS;
-use crate::environment::{EPISODE_STEPS, Task, World};
+use crate::environment::{End, Environment, Outcome, Spec};
 use crate::link::LinkModel;
 
-/// Parallel worlds that play consecutive episodes, step by step together.
-#[derive(Debug)]
+/// Parallel worlds that play consecutive episodes, step by step together. Episodes may end early: a world that is
+/// done idles until all of them are.
 pub struct Stage {
-    task: Task,
+    environment: Box<dyn Environment>,
+    spec: Spec,
     links: LinkModel,
     seed: u64,
-    worlds: Vec<World>,
-    /// Worlds that play; fewer than all in the last batch.
-    active: usize,
     /// Episode of world 0; world w plays episode + w.
     episode: u64,
     next_episode: u64,
@@ -24,23 +25,31 @@ pub struct Stage {
     observations: Vec<f32>,
     /// Link rows, `[agents, active]`.
     rows: Vec<u64>,
+    /// Worlds whose episodes are under way, `[active]`. Fewer than all worlds are active in the last batch.
+    playing: Vec<bool>,
+    /// Worlds that took the last step, `[active]`.
+    stepped: Vec<bool>,
+    /// Of the last step, `[active, ..]`.
+    outcome: Outcome,
 }
 
 impl Stage {
-    /// A stage of `worlds` worlds.
-    pub fn new(task: &Task, links: LinkModel, seed: u64, worlds: usize) -> Stage {
+    /// A stage of all worlds of an environment.
+    pub fn new(environment: Box<dyn Environment>, links: LinkModel, seed: u64) -> Stage {
         Stage {
-            task: task.clone(),
+            spec: environment.spec().clone(),
+            environment,
             links,
             seed,
-            worlds: (0..worlds).map(|_| World::new(task)).collect(),
-            active: 0,
             episode: 0,
             next_episode: 0,
             step: 0,
             tick: 0,
             observations: Vec::new(),
             rows: Vec::new(),
+            playing: Vec::new(),
+            stepped: Vec::new(),
+            outcome: Outcome::default(),
         }
     }
 
@@ -50,9 +59,14 @@ impl Stage {
         self
     }
 
-    /// The task.
-    pub fn task(&self) -> &Task {
-        &self.task
+    /// What the environment is.
+    pub fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    /// The environment, whose first [`worlds`](Stage::worlds) worlds play.
+    pub fn environment(&self) -> &dyn Environment {
+        &*self.environment
     }
 
     /// The links.
@@ -60,9 +74,9 @@ impl Stage {
         &self.links
     }
 
-    /// The worlds that play.
-    pub fn worlds(&self) -> &[World] {
-        &self.worlds[..self.active]
+    /// The number of worlds in which an episode has begun.
+    pub fn worlds(&self) -> usize {
+        self.playing.len()
     }
 
     /// The first episode that has not been begun.
@@ -70,41 +84,77 @@ impl Stage {
         self.next_episode
     }
 
-    /// Begins an episode in every world, up to the episode numbered `end`.
-    pub fn begin_episodes(&mut self, end: u64) {
-        self.episode = self.next_episode;
-        self.active = (end - self.episode).min(self.worlds.len() as u64) as usize;
-        self.next_episode += self.active as u64;
-        self.step = 0;
-        for (world, episode) in self.worlds[..self.active].iter_mut().zip(self.episode..) {
-            world.reset(self.seed, episode);
-        }
-        let rows = self.task.n_agents() * self.active;
-        self.rows.resize(rows, 0);
-        self.observations.resize(rows * self.task.padded_obs_dim(), 0.0);
+    /// Whether an episode is under way in any world.
+    pub fn is_playing(&self) -> bool {
+        self.playing.contains(&true)
     }
 
-    /// Whether the episodes are under way.
-    pub fn is_playing(&self) -> bool {
-        (self.step as usize) < EPISODE_STEPS
+    /// Whether the episode of this world is under way.
+    pub fn plays(&self, world: usize) -> bool {
+        self.playing[world]
+    }
+
+    /// The worlds whose episodes are under way.
+    pub fn playing(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.worlds()).filter(|world| self.playing[*world])
+    }
+
+    /// The worlds that took the last step.
+    pub fn stepped(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.worlds()).filter(|world| self.stepped[*world])
+    }
+
+    /// What each agent of a world earned in its last step.
+    pub fn rewards(&self, world: usize) -> &[f64] {
+        let agents = self.spec.n_agents();
+        &self.outcome.rewards[world * agents..(world + 1) * agents]
+    }
+
+    /// What the team of a world earned in its last step.
+    pub fn team_reward(&self, world: usize) -> f64 {
+        self.spec.team_reward(self.rewards(world))
+    }
+
+    /// Whether and how the episode of a world is over.
+    pub fn end(&self, world: usize) -> End {
+        self.outcome.ends[world]
+    }
+
+    /// Begins an episode in every world, up to the episode numbered `end`.
+    pub fn begin_episodes(&mut self, end: u64) -> Result<()> {
+        self.episode = self.next_episode;
+        let worlds = (end - self.episode).min(self.environment.worlds() as u64) as usize;
+        self.next_episode += worlds as u64;
+        self.step = 0;
+        for (world, episode) in (0..worlds).zip(self.episode..) {
+            self.environment.reset(world, self.seed, episode)?;
+        }
+        let rows = self.spec.n_agents() * worlds;
+        self.rows.resize(rows, 0);
+        self.observations.resize(rows * self.spec.padded_obs_dim(), 0.0);
+        self.outcome.rewards.resize(rows, 0.0);
+        for (all, begun) in [(&mut self.playing, true), (&mut self.stepped, false)] {
+            all.clear();
+            all.resize(worlds, begun);
+        }
+        self.outcome.ends.clear();
+        self.outcome.ends.resize(worlds, End::Open);
+        Ok(())
     }
 
     /// Reads every agent's sensor.
-    pub fn sense(&mut self) {
-        let observations = self.observations.chunks_exact_mut(self.task.padded_obs_dim());
-        for (row, observation) in observations.enumerate() {
-            self.worlds[row % self.active].observe(row / self.active, observation);
-        }
+    pub fn sense(&mut self) -> Result<()> {
+        self.environment.observe(self.playing.len(), &mut self.observations)
     }
 
     /// Draws who receives whom.
     pub fn draw_links(&mut self) {
-        let agents = self.task.n_agents();
+        let (agents, worlds) = (self.spec.n_agents(), self.worlds());
         let mut rows = [0; MAX_AGENTS];
-        for world in 0..self.active {
+        for world in 0..worlds {
             self.links.rows(self.episode + world as u64, self.step.into(), &mut rows[..agents]);
             for (agent, row) in rows[..agents].iter().enumerate() {
-                self.rows[agent * self.active + world] = *row;
+                self.rows[agent * worlds + world] = *row;
             }
         }
         self.tick += 1;
@@ -116,22 +166,33 @@ impl Stage {
             episode: self.episode,
             step: self.step,
             tick: self.tick,
-            worlds: self.active,
+            worlds: self.worlds(),
             observations: &self.observations,
             rows: &self.rows,
         }
     }
 
-    /// Carries out the actions `[agents, active]`.
-    pub fn step_worlds(&mut self, actions: &[u8]) {
-        let agents = self.task.n_agents();
-        let mut team = [0; MAX_AGENTS];
-        for (w, world) in self.worlds[..self.active].iter_mut().enumerate() {
-            for (agent, action) in team[..agents].iter_mut().enumerate() {
-                *action = actions[agent * self.active + w];
-            }
-            world.step(&team[..agents]);
-        }
+    /// Carries out what was decided in the worlds that play.
+    pub fn step_worlds(&mut self, decisions: &Decisions) -> Result<()> {
+        self.environment.step(&decisions.actions, &self.playing, &mut self.outcome)?;
         self.step += 1;
+        self.stepped.copy_from_slice(&self.playing);
+        let time_is_up = self.step as usize >= self.spec.episode_steps;
+        for (plays, end) in self.playing.iter_mut().zip(&mut self.outcome.ends).filter(|(plays, _)| **plays) {
+            if time_is_up && *end == End::Open {
+                *end = End::Truncated;
+            }
+            *plays = *end == End::Open;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Debug for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Stage { spec, links, seed, episode, step, .. } = self;
+        let mut stage = f.debug_struct("Stage");
+        stage.field("environment", &spec.id).field("links", links).field("seed", seed);
+        stage.field("episode", episode).field("step", step).finish_non_exhaustive()
     }
 }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::memory::Buffer;
+use crate::environment::Spec;
 
 /// Episodes of equal length, played side by side. Everything is ordered by time, then episode, then agent.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -68,17 +69,17 @@ impl Batch {
         );
     }
 
-    /// Room for so many episodes of a task, all zero, with or without estimates.
-    pub fn zeros(task: &crate::environment::Task, episodes: usize, estimates: bool) -> Batch {
-        let steps = crate::environment::EPISODE_STEPS;
-        let (n_agents, rows) = (task.n_agents(), steps * episodes);
+    /// Room for so many episodes, all zero, with or without estimates.
+    pub fn zeros(spec: &Spec, episodes: usize, estimates: bool) -> Batch {
+        let steps = spec.episode_steps;
+        let (n_agents, rows) = (spec.n_agents(), steps * episodes);
         let seen = if estimates { rows + episodes } else { 0 };
         Batch {
             episodes,
             steps,
-            observations: vec![0.0; (rows + episodes) * n_agents * task.padded_obs_dim()],
-            joint: vec![0.0; (rows + episodes) * task.joint_dim()],
-            estimates: vec![0.0; seen * n_agents * task.joint_dim()],
+            observations: vec![0.0; (rows + episodes) * n_agents * spec.padded_obs_dim()],
+            joint: vec![0.0; (rows + episodes) * spec.joint_dim()],
+            estimates: vec![0.0; seen * n_agents * spec.joint_dim()],
             actions: vec![0; rows * n_agents],
             rewards: vec![0.0; rows],
         }

@@ -19,7 +19,7 @@ use super::rows::Averages;
 use super::state::Counters;
 use super::team::Team;
 use crate::base::error::{Error, Result};
-use crate::environment::{EPISODE_STEPS, Task};
+use crate::environment::Spec;
 use crate::nn::{Precision, map, write_tensors};
 use crate::{failed, usage};
 
@@ -31,6 +31,9 @@ const VERSION: &str = "1";
 pub struct Progress {
     /// Episodes played for training.
     pub episodes: u64,
+    /// Environment steps of these episodes.
+    #[serde(default)]
+    pub timesteps: u64,
     /// Rows of `metrics.csv` that are final: a longer run has them too.
     pub rows: usize,
     /// What the next row will say.
@@ -90,7 +93,7 @@ impl State {
     ///
     /// # Errors
     /// `Failed` if something is missing or does not fit.
-    pub fn restore(&mut self, config: &Config, checkpoint: &Checkpoint) -> Result<()> {
+    pub fn restore(&mut self, config: &Config, spec: &Spec, checkpoint: &Checkpoint) -> Result<()> {
         let tensors = checkpoint.tensors()?;
         let find =
             |name: &str| tensors.tensor(name).ok().and_then(|t| bytemuck::try_cast_slice(t.data()).ok());
@@ -114,7 +117,7 @@ impl State {
             copy(need("batch.actions")?, &mut values)
                 .ok_or_else(|| checkpoint.damaged("batch.actions has another length"))?;
             actions.iter_mut().zip(values).for_each(|(action, value)| *action = value as u8);
-            let available = available_actions(&Task::parse(&config.task)?);
+            let available = available_actions(spec);
             let mut teams = actions.chunks_exact(available.len());
             if teams.any(|team| team.iter().zip(&available).any(|(&action, &n)| usize::from(action) >= n)) {
                 return Err(checkpoint.damaged("batch.actions has an action that there is not"));
@@ -143,8 +146,8 @@ impl State {
 }
 
 /// How many actions each agent has.
-pub(super) fn available_actions(task: &Task) -> Vec<usize> {
-    (0..task.n_agents()).map(|agent| task.available_actions(agent)).collect()
+pub(super) fn available_actions(spec: &Spec) -> Vec<usize> {
+    (0..spec.n_agents()).map(|agent| spec.available_actions(agent)).collect()
 }
 
 fn parts<'a>(batch: &'a Batch, actions: &'a [f32]) -> [(&'static str, &'a [f32]); 5] {
@@ -197,7 +200,11 @@ impl Checkpoint {
         }
         let config = Layer::parse(word("config")?, &source)?;
         let config = Config::resolve(Preset::Paper, &[config])?;
-        let progress = serde_json::from_str(word("progress")?).map_err(|e| damaged(&e))?;
+        let mut progress: Progress = serde_json::from_str(word("progress")?).map_err(|e| damaged(&e))?;
+        if progress.timesteps == 0 {
+            // Written before episodes could end early, when all of them had 25 steps.
+            progress.timesteps = 25 * progress.episodes;
+        }
         let counters = serde_json::from_str(word("counters")?).map_err(|e| damaged(&e))?;
         Ok(Checkpoint { config, progress, counters, source, map })
     }
@@ -218,6 +225,6 @@ fn to_json(part: &impl Serialize) -> String {
 impl Progress {
     /// Environment steps so far.
     pub fn timestep(&self) -> u64 {
-        self.episodes * EPISODE_STEPS as u64
+        self.timesteps
     }
 }

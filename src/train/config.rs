@@ -162,7 +162,7 @@ impl Config {
             Some((layer, value)) => value.clone().try_into().map_err(|e| layer.refuse("algorithm", &e))?,
             None => Algorithm::Mappo,
         };
-        let preset = Config::preset(preset, &task, algorithm);
+        let preset = Config::preset(preset, task.spec(), algorithm);
         let mut all = Table::try_from(&preset).expect("a configuration is a table");
         for layer in layers {
             for (key, value) in &layer.table {

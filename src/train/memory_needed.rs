@@ -3,7 +3,7 @@
 use super::Config;
 use crate::agent::dims;
 use crate::base::error::Result;
-use crate::environment::{EPISODE_STEPS, Task};
+use crate::environment::Spec;
 use crate::nn::TensorSpec;
 use crate::usage;
 
@@ -11,39 +11,39 @@ use crate::usage;
 pub(super) const VALUE: usize = size_of::<f32>();
 
 /// Bytes of what replay holds at most.
-pub(super) fn remembered(config: &Config, task: &Task) -> u64 {
+pub(super) fn remembered(config: &Config, spec: &Spec) -> u64 {
     let episodes = match config.replays() {
-        true => (config.steps / EPISODE_STEPS as u64).min(config.replay_episodes as u64),
+        true => (config.steps / spec.episode_steps as u64).min(config.replay_episodes as u64),
         false => 0,
     };
-    episodes * (EPISODE_STEPS * task.joint_dim() * VALUE) as u64
+    episodes * (spec.episode_steps * spec.joint_dim() * VALUE) as u64
 }
 
 /// The memory that a run needs, in bytes, somewhat more rather than less: weights with their gradient, moments,
 /// target and the copies that agents and checkpoints have, what lies between the layers, and replay.
-pub(super) fn memory_needed(config: &Config, task: &Task) -> u64 {
+pub(super) fn memory_needed(config: &Config, spec: &Spec) -> u64 {
     const COPIES_IN_LEARNER: usize = 5;
     const COPIES_OF_POLICY: usize = 4;
     // Values per row and hidden unit that a backward pass needs, of a GRU or LSTM; an MLP needs fewer.
     const BETWEEN_LAYERS: usize = 16;
-    let dims = dims(task);
+    let dims = dims(spec);
     let networks = config.networks();
     let policy: usize = networks.tensors(&dims).iter().map(TensorSpec::n_values).sum();
-    let observations = dims.n_agents * task.padded_obs_dim();
+    let observations = dims.n_agents * spec.padded_obs_dim();
     let critic = (observations + dims.joint + config.hidden) * config.hidden;
     let weights = COPIES_IN_LEARNER * (policy + dims.n_agents * critic) + COPIES_OF_POLICY * policy;
-    let rows = (EPISODE_STEPS + 1) * config.batch_episodes;
+    let rows = (spec.episode_steps + 1) * config.batch_episodes;
     let hidden = 2 * dims.n_agents * config.hidden * BETWEEN_LAYERS;
-    let predictor_rows = EPISODE_STEPS * config.batch_episodes.max(config.replay_batch);
+    let predictor_rows = spec.episode_steps * config.batch_episodes.max(config.replay_batch);
     let predictors = config.predictors.len() * predictor_rows * config.predictor_hidden * BETWEEN_LAYERS;
     let between = rows * (hidden + 4 * observations + dims.n_agents * dims.joint) + predictors;
-    ((weights + between) * VALUE) as u64 + remembered(config, task)
+    ((weights + between) * VALUE) as u64 + remembered(config, spec)
 }
 
 /// An error if this machine has less memory left than a run needs: the kernel would end some process, perhaps
 /// another one.
-pub(super) fn check_memory(config: &Config, task: &Task) -> Result<()> {
-    let needed = memory_needed(config, task);
+pub(super) fn check_memory(config: &Config, spec: &Spec) -> Result<()> {
+    let needed = memory_needed(config, spec);
     let about = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let kibibytes =
         about.lines().find_map(|line| line.strip_prefix("MemAvailable:")?.split_whitespace().next());
@@ -61,6 +61,7 @@ pub(super) fn check_memory(config: &Config, task: &Task) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::environment::Task;
     use crate::train::{Layer, Preset};
 
     #[test]
@@ -69,7 +70,7 @@ mod tests {
             let mut layer = Layer::new("test");
             settings.iter().for_each(|(key, value)| layer.set(key, value));
             let config = Config::resolve(Preset::Paper, &[layer]).unwrap();
-            check_memory(&config, &Task::parse(&config.task).unwrap())
+            check_memory(&config, Task::parse(&config.task).unwrap().spec())
         };
         assert!(check(&[]).is_ok());
         let huge = [("hidden", "16384"), ("task", "spread-xy-64")];

@@ -8,7 +8,6 @@ use super::rows::columns;
 use super::trainer::{Diverged, Trainer};
 use super::trial::test;
 use crate::base::error::Result;
-use crate::environment::EPISODE_STEPS;
 use crate::failed;
 use crate::supervisor::{InProcess, Team as _};
 
@@ -61,7 +60,9 @@ pub fn estimate(config: &Config, threads: usize, from: u64) -> Result<Plan> {
     }
     let seconds_per_row = began.elapsed().as_secs_f64();
 
-    let episodes = config.steps.saturating_sub(from).div_ceil(EPISODE_STEPS as u64);
+    // As if no episode ended early.
+    let steps = trainer.task.spec().episode_steps as u64;
+    let episodes = config.steps.saturating_sub(from).div_ceil(steps);
     let updates = episodes.div_ceil(config.update_every as u64);
     let all_rows = 1 + config.steps.div_ceil(config.test_interval);
     let rows = all_rows.saturating_sub(if from > 0 { 1 + from / config.test_interval } else { 0 });
@@ -72,10 +73,10 @@ pub fn estimate(config: &Config, threads: usize, from: u64) -> Result<Plan> {
     Ok(Plan {
         updates,
         rows,
-        steps_per_second: (updates * config.update_every as u64 * EPISODE_STEPS as u64) as f64 / duration,
+        steps_per_second: (updates * config.update_every as u64 * steps) as f64 / duration,
         duration: Duration::from_secs_f64(duration),
-        disk: learned as u64 + policy + remembered(config, &trainer.task) + cells * BYTES_PER_CELL,
-        memory: memory_needed(config, &trainer.task),
+        disk: learned as u64 + policy + remembered(config, trainer.task.spec()) + cells * BYTES_PER_CELL,
+        memory: memory_needed(config, trainer.task.spec()),
     })
 }
 

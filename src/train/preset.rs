@@ -3,7 +3,7 @@
 use super::config::{AdvantageKind, Algorithm, Config, TrainP};
 use super::settings::{Backend, CriticInput, Objective, PredictorSettings, Settings};
 use crate::agent::paper_actor;
-use crate::environment::Task;
+use crate::environment::Spec;
 use crate::nn::PredictorSpec;
 
 /// Where a configuration starts from.
@@ -20,12 +20,12 @@ pub enum Preset {
 
 impl Config {
     /// The defaults for a task.
-    pub fn preset(preset: Preset, task: &Task, algorithm: Algorithm) -> Config {
-        let actor = paper_actor(task);
+    pub fn preset(preset: Preset, spec: &Spec, algorithm: Algorithm) -> Config {
+        let actor = paper_actor(spec);
         let paper = Settings::paper(actor);
         let predictor = PredictorSettings::paper(Objective::Maro);
         let paper = Config {
-            task: task.id().to_owned(),
+            task: spec.id().to_owned(),
             seed: 0,
             steps: 5_000_000,
             algorithm,

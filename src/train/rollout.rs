@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::Batch;
 use crate::agent::JointLayout;
 use crate::base::error::Result;
-use crate::environment::{EPISODE_STEPS, Task};
+use crate::environment::Environment;
 use crate::link::LinkModel;
 use crate::supervisor::{Decisions, Observer, Session, Stage, Team};
 
@@ -15,15 +15,21 @@ use crate::supervisor::{Decisions, Observer, Session, Stage, Team};
 pub struct Rollout {
     session: Session,
     worlds: usize,
-    returns: Vec<f64>,
+    played: Vec<(f64, u64)>,
 }
 
 impl Rollout {
-    /// Rollouts in `worlds` parallel worlds, the first of which plays `first_episode`.
-    pub fn new(task: &Task, links: LinkModel, seed: u64, worlds: usize, first_episode: u64) -> Rollout {
+    /// Rollouts in all worlds of an environment, the first of which plays `first_episode`.
+    pub fn new(
+        environment: Box<dyn Environment>,
+        links: LinkModel,
+        seed: u64,
+        first_episode: u64,
+    ) -> Rollout {
+        let worlds = environment.worlds();
         assert!(worlds > 0, "a rollout has worlds");
-        let session = Session::new(task, links, seed, worlds).starting_at(first_episode);
-        Rollout { session, worlds, returns: Vec::new() }
+        let session = Session::new(environment, links, seed).starting_at(first_episode);
+        Rollout { session, worlds, played: Vec::new() }
     }
 
     /// The number of the next episode: how many have been played, counted from episode 0.
@@ -32,31 +38,31 @@ impl Rollout {
     }
 
     /// Plays one episode in each world and writes them into their columns of `batch`, which has at least as many, and
-    /// estimates if links can lose something. Returns what each episode brought in, in their order: the undiscounted
-    /// sum of the team rewards.
+    /// estimates if links can lose something. Returns of each episode, in their order, the return, which is the
+    /// undiscounted sum of the team rewards, and its steps.
     ///
     /// # Errors
     /// `Interrupted` if the program was asked to stop; whatever the team fails with. The columns are then half
     /// written.
-    pub fn collect(&mut self, team: &mut impl Team, batch: &mut Batch) -> Result<&[f64]> {
+    pub fn collect(&mut self, team: &mut impl Team, batch: &mut Batch) -> Result<&[(f64, u64)]> {
         assert!(self.worlds <= batch.episodes, "a batch holds the episodes of all worlds");
         let end = self.next_episode() + self.worlds as u64;
-        self.session.play(team, end, &mut [&mut Collector { batch, returns: &mut self.returns }])?;
-        Ok(&self.returns)
+        self.session.play(team, end, &mut [&mut Collector { batch, played: &mut self.played }])?;
+        Ok(&self.played)
     }
 }
 
 /// Writes what is played into a batch.
 struct Collector<'a> {
     batch: &'a mut Batch,
-    /// Of each world.
-    returns: &'a mut Vec<f64>,
+    /// Return and steps of each world's episode.
+    played: &'a mut Vec<(f64, u64)>,
 }
 
 impl Observer for Collector<'_> {
     fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
-        self.returns.clear();
-        self.returns.resize(stage.worlds().len(), 0.0);
+        self.played.clear();
+        self.played.resize(stage.worlds(), (0.0, 0));
         Ok(())
     }
 
@@ -68,14 +74,19 @@ impl Observer for Collector<'_> {
     }
 
     fn stepped(&mut self, stage: &Stage, decisions: &Decisions) -> Result<()> {
-        let (agents, worlds, tick) = (stage.task().n_agents(), stage.worlds(), stage.tick());
-        for (world, state) in worlds.iter().enumerate() {
-            let row = self.row(stage, tick.step as usize - 1, world);
+        let (agents, worlds, step) =
+            (stage.spec().n_agents(), stage.worlds(), stage.tick().step as usize - 1);
+        for world in stage.stepped() {
+            let row = self.row(stage, step, world);
             for (agent, action) in self.batch.actions[row * agents..][..agents].iter_mut().enumerate() {
-                *action = decisions.actions[agent * worlds.len() + world];
+                // The actions of the actors that learn are discrete, and few.
+                *action = decisions.actions[agent * worlds + world] as u8;
             }
-            self.batch.rewards[row] = state.team_reward() as f32;
-            self.returns[world] += state.team_reward();
+            let reward = stage.team_reward(world);
+            self.batch.rewards[row] = reward as f32;
+            let (episode_return, steps) = &mut self.played[world];
+            *episode_return += reward;
+            *steps += 1;
         }
         Ok(())
     }
@@ -86,12 +97,12 @@ impl Observer for Collector<'_> {
     }
 
     fn last_ticked(&mut self, stage: &Stage, decisions: &Decisions) -> Result<()> {
-        self.note_estimates(stage, EPISODE_STEPS, decisions);
+        self.note_estimates(stage, stage.tick().step as usize, decisions);
         Ok(())
     }
 
     fn end_episodes(&mut self, stage: &Stage) -> Result<()> {
-        self.note_observations(stage, EPISODE_STEPS);
+        self.note_observations(stage, stage.tick().step as usize);
         Ok(())
     }
 }
@@ -99,15 +110,15 @@ impl Observer for Collector<'_> {
 impl Collector<'_> {
     /// Notes what there is to observe.
     fn note_observations(&mut self, stage: &Stage, step: usize) {
-        let (task, tick) = (stage.task(), stage.tick());
-        let layout = JointLayout::of(task);
-        let (observation, joint) = (task.padded_obs_dim(), layout.joint());
+        let (spec, tick) = (stage.spec(), stage.tick());
+        let layout = JointLayout::of(spec);
+        let (observation, joint) = (spec.padded_obs_dim(), layout.joint());
         for world in 0..tick.worlds {
             let row = self.row(stage, step, world);
-            let agents = (0..task.n_agents()).map(|agent| tick.observation(task, agent, world));
-            let team = &mut self.batch.observations[row * task.n_agents() * observation..];
+            let agents = (0..spec.n_agents()).map(|agent| tick.observation(spec, agent, world));
+            let team = &mut self.batch.observations[row * spec.n_agents() * observation..];
             team.chunks_exact_mut(observation).zip(agents).for_each(|(to, from)| to.copy_from_slice(from));
-            let known = |agent| tick.observation(task, agent, world);
+            let known = |agent| tick.observation(spec, agent, world);
             layout.join(known, known(0), &mut self.batch.joint[row * joint..][..joint]);
         }
     }
@@ -117,8 +128,8 @@ impl Collector<'_> {
         if self.batch.estimates.is_empty() {
             return;
         }
-        let (task, worlds) = (stage.task(), stage.worlds().len());
-        let (agents, joint) = (task.n_agents(), task.joint_dim());
+        let (spec, worlds) = (stage.spec(), stage.worlds());
+        let (agents, joint) = (spec.n_agents(), spec.joint_dim());
         for world in 0..worlds {
             let row = self.row(stage, step, world);
             let estimates = self.batch.estimates[row * agents * joint..].chunks_exact_mut(joint).take(agents);

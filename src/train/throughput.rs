@@ -8,7 +8,6 @@ use super::trial::test;
 use super::{Busy, Config};
 use crate::base::error::Result;
 use crate::base::threads::side_by_side;
-use crate::environment::EPISODE_STEPS;
 use crate::nn::kernels::{self, Start};
 use crate::{failed, supervisor};
 
@@ -55,7 +54,7 @@ impl Throughput {
     }
 
     fn update(&mut self, trainer: &mut Trainer, agents: &mut impl supervisor::Team) -> Result<()> {
-        let began = Instant::now();
+        let (began, before) = (Instant::now(), trainer.timestep());
         trainer.play(agents)?;
         self.rollout += began.elapsed();
         let weights = trainer.learn().map_err(|Diverged(why)| failed!("training diverges: {why}"))?;
@@ -65,7 +64,7 @@ impl Throughput {
             self.rollout += began.elapsed();
             self.updates += 1;
         }
-        self.env_steps += (trainer.config.update_every * EPISODE_STEPS) as u64;
+        self.env_steps += trainer.timestep() - before;
         Ok(())
     }
 

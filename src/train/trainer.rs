@@ -6,10 +6,10 @@ use super::replay::Replay;
 use super::{Algorithm, Batch, Config, Rollout, Team};
 use crate::agent::{AgentSettings, PolicySource, dims};
 use crate::base::error::Result;
-use crate::environment::{EPISODE_STEPS, Task};
+use crate::environment::{ActionSpace, Spec, Task};
 use crate::nn::kernels::all_finite;
 use crate::nn::{Meta, Policy};
-use crate::supervisor;
+use crate::{supervisor, usage};
 
 /// A team in training: what it has learned, and the worlds it plays in.
 #[derive(Debug)]
@@ -29,29 +29,40 @@ pub struct Diverged(pub String);
 impl Trainer {
     /// Before the first step.
     pub fn new(config: Config, threads: usize) -> Result<Trainer> {
-        let state = State::begin(&config, threads)?;
-        Trainer::assemble(config, state)
+        let task = Task::parse(&config.task)?;
+        Trainer::in_task(config, task, threads)
+    }
+
+    /// Before the first step, in a task that need not be one of the registry.
+    pub fn in_task(config: Config, task: Task, threads: usize) -> Result<Trainer> {
+        let state = State::begin(&config, task.spec(), threads)?;
+        Ok(Trainer::assemble(config, task, state))
     }
 
     /// As it was at a checkpoint of this configuration.
     pub fn restore(config: Config, threads: usize, checkpoint: &Checkpoint) -> Result<Trainer> {
-        let mut state = State::begin(&config, threads)?;
-        state.restore(&config, checkpoint)?;
-        Trainer::assemble(config, state)
+        let task = Task::parse(&config.task)?;
+        let mut state = State::begin(&config, task.spec(), threads)?;
+        state.restore(&config, task.spec(), checkpoint)?;
+        Ok(Trainer::assemble(config, task, state))
     }
 
-    fn assemble(config: Config, state: State) -> Result<Trainer> {
-        let task = Task::parse(&config.task)?;
+    fn assemble(config: Config, task: Task, state: State) -> Trainer {
         let (links, first) = (config.links(), state.progress.episodes);
-        let rollout = Rollout::new(&task, links, config.seed, config.update_every, first);
+        let rollout = Rollout::new(task.environment(config.update_every), links, config.seed, first);
         let mut weights = Vec::new();
         state.team.policy_values(&mut weights);
-        Ok(Trainer { config, task, state, rollout, weights })
+        Trainer { config, task, state, rollout, weights }
     }
 
     /// Environment steps so far.
     pub fn timestep(&self) -> u64 {
         self.state.progress.timestep()
+    }
+
+    /// What the team learns to do.
+    pub fn task(&self) -> &Task {
+        &self.task
     }
 
     /// The networks.
@@ -62,7 +73,7 @@ impl Trainer {
     /// What the agents that collect experience run with.
     pub fn agents(&self) -> AgentSettings {
         AgentSettings {
-            task: self.config.task.clone(),
+            spec: self.task.spec().clone(),
             policy: PolicySource::Training,
             imputer: self.config.imputer(),
             greedy: false,
@@ -83,14 +94,15 @@ impl Trainer {
             origin: "trained by vamaro-swarm".to_owned(),
             ..Meta::new(&self.config.task, self.config.seed)
         };
-        Policy::new(&dims(&self.task), meta, self.config.networks(), &self.weights)
+        Policy::new(&dims(self.task.spec()), meta, self.config.networks(), &self.weights)
     }
 
     /// Fresh episodes, into the batch and to be remembered.
     pub fn play(&mut self, agents: &mut impl supervisor::Team) -> Result<()> {
         let State { progress, replay, batch, .. } = &mut self.state;
-        for episode_return in self.rollout.collect(agents, batch)? {
+        for (episode_return, steps) in self.rollout.collect(agents, batch)? {
             progress.averages.push_return(*episode_return);
+            progress.timesteps += steps;
             replay.push(progress.episodes, batch, progress.episodes as usize % batch.episodes);
             progress.episodes += 1;
         }
@@ -116,17 +128,22 @@ impl Trainer {
 }
 
 impl State {
-    fn begin(config: &Config, threads: usize) -> Result<State> {
-        let task = Task::parse(&config.task)?;
-        check_memory(config, &task)?;
-        let (dims, observation) = (dims(&task), task.padded_obs_dim());
-        let available = available_actions(&task);
+    fn begin(config: &Config, spec: &Spec, threads: usize) -> Result<State> {
+        if spec.agents.iter().any(|agent| matches!(agent.actions, ActionSpace::Box { .. })) {
+            return Err(usage!(
+                "{} has agents that act by values; training has actors for discrete actions only",
+                spec.id
+            ));
+        }
+        check_memory(config, spec)?;
+        let (dims, observation) = (dims(spec), spec.padded_obs_dim());
+        let available = available_actions(spec);
         let remembered = if config.replays() { config.replay_episodes } else { 0 };
         Ok(State {
             progress: Progress::default(),
             team: Team::untrained(config.settings(), &dims, observation, &available, config.seed, threads),
-            replay: Replay::new(remembered, EPISODE_STEPS, dims.joint),
-            batch: Batch::zeros(&task, config.batch_episodes, !config.everything_arrives()),
+            replay: Replay::new(remembered, spec.episode_steps, dims.joint),
+            batch: Batch::zeros(spec, config.batch_episodes, !config.everything_arrives()),
         })
     }
 }

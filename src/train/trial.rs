@@ -72,7 +72,7 @@ fn play(
     level: f64,
 ) -> Result<Trial> {
     let settings = AgentSettings {
-        task: config.task.clone(),
+        spec: task.spec().clone(),
         policy: PolicySource::Training,
         // Where everything is delivered, whoever imputes has nothing to do.
         imputer: if level == 1.0 { ImputerName::Hold } else { imputer.clone() },
@@ -82,7 +82,8 @@ fn play(
     };
     let first = FIRST_EPISODE + row as u64 * config.test_episodes;
     let links = LinkModel::new(Links::Level(level), config.seed, true);
-    let mut session = Session::new(task, links, config.seed, settings.worlds).starting_at(first);
+    let environment = task.environment(settings.worlds);
+    let mut session = Session::new(environment, links, config.seed).starting_at(first);
     let (mut team, mut ledger) = (InProcess::new(&settings, policy)?, Ledger::default());
     session.play(&mut team, first + config.test_episodes, &mut [&mut ledger])?;
     let statistics = ledger.into_statistics();

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::{Comparison, Deviations};
 use crate::agent::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, PolicySource, Received, dims};
 use crate::base::error::{Error, Result};
-use crate::environment::Task;
+use crate::environment::{Spec, Task};
 use crate::nn::{Meta, Policy, import};
 use crate::recording::{Episode, Recording};
 use crate::usage;
@@ -22,18 +22,19 @@ pub(super) fn compare(
     source: Option<&PolicySource>,
 ) -> Result<Vec<Comparison>> {
     let task = Task::parse(&recording.header.task)?;
-    let policy = find_policy(file, recording, source, &task)?;
+    let spec = task.spec();
+    let policy = find_policy(file, recording, source, spec)?;
     let settings = AgentSettings {
         imputer: ImputerName::choose(recording.header.imputer.as_deref(), &policy)?,
-        ..AgentSettings::for_task(&task)
+        ..AgentSettings::of(spec)
     };
     let (mut estimates, mut logits) = (Deviations::default(), Deviations::default());
-    for index in 0..task.n_agents() {
+    for index in 0..spec.n_agents() {
         let mut agent = Agent::with_policy(&settings, &policy, index)?;
         for (number, episode) in recording.episodes.iter().enumerate() {
-            check_lengths(episode, &task, index)
+            check_lengths(episode, spec, index)
                 .map_err(|what| Error::io("verify", file, format!("episode {number}: {what}")))?;
-            replay(&mut agent, number, episode, &task, &mut estimates, &mut logits);
+            replay(&mut agent, number, episode, spec, &mut estimates, &mut logits);
         }
     }
     Ok(vec![
@@ -49,15 +50,15 @@ fn replay(
     agent: &mut Agent,
     number: usize,
     episode: &Episode,
-    task: &Task,
+    spec: &Spec,
     estimates: &mut Deviations,
     logits: &mut Deviations,
 ) {
-    let (index, available) = (agent.index(), task.available_actions(agent.index()));
+    let (index, available) = (agent.index(), spec.available_actions(agent.index()));
     agent.begin_episode(1);
     for (step, delivered) in episode.delivered.iter().enumerate() {
         let observations = &episode.obs[step];
-        let inbox = Inbox::of(task.n_agents(), |sender| {
+        let inbox = Inbox::of(spec.n_agents(), |sender| {
             let received = Received { tick: step as u64, observation: &observations[sender] };
             (delivered[index][sender] == 1).then_some(received)
         });
@@ -69,14 +70,14 @@ fn replay(
     }
 }
 
-fn check_lengths(episode: &Episode, task: &Task, agent: usize) -> std::result::Result<(), String> {
-    let padded = |step: &Vec<Vec<f32>>| step.iter().all(|obs| obs.len() == task.padded_obs_dim());
+fn check_lengths(episode: &Episode, spec: &Spec, agent: usize) -> std::result::Result<(), String> {
+    let padded = |step: &Vec<Vec<f32>>| step.iter().all(|obs| obs.len() == spec.padded_obs_dim());
     if !episode.obs.iter().all(padded) {
-        return Err(format!("observations of a trace are padded to {}", task.padded_obs_dim()));
+        return Err(format!("observations of a trace are padded to {}", spec.padded_obs_dim()));
     }
-    let joint = |step: &Vec<Vec<f32>>| step[agent].len() == task.joint_dim();
+    let joint = |step: &Vec<Vec<f32>>| step[agent].len() == spec.joint_dim();
     if !episode.joint_estimate.iter().all(joint) {
-        return Err(format!("joint estimates of {} have {} values", task.id(), task.joint_dim()));
+        return Err(format!("joint estimates of {} have {} values", spec.id(), spec.joint_dim()));
     }
     Ok(())
 }
@@ -86,26 +87,26 @@ fn find_policy(
     file: &Path,
     recording: &Recording,
     source: Option<&PolicySource>,
-    task: &Task,
+    spec: &Spec,
 ) -> Result<Policy> {
     if let Some(source) = source {
-        return source.load(task);
+        return source.load(spec);
     }
     let beside = |name: &str| file.parent().unwrap_or(Path::new("")).join(name);
     let (own, actors, predictor) = (beside("policy.safetensors"), beside("agent.th"), beside("network.th"));
     if own.exists() {
-        return PolicySource::File(own).load(task);
+        return PolicySource::File(own).load(spec);
     }
     if actors.exists() && predictor.exists() {
         let predictors = [(PREFERRED.to_owned(), predictor)];
-        return import(&actors, &predictors, &dims(task), Meta::new(task.id(), 0));
+        return import(&actors, &predictors, &dims(spec), Meta::new(spec.id(), 0));
     }
     let header = &recording.header;
     let name = header.policy.as_deref().unwrap_or_default();
     let own = [PolicySource::Builtin, PolicySource::Untrained(header.seed.unwrap_or_default())];
     let named = own.into_iter().find(|source| source.to_string() == name);
     match named.or_else(|| Path::new(name).is_file().then(|| PolicySource::File(name.into()))) {
-        Some(source) => source.load(task),
+        Some(source) => source.load(spec),
         None => Err(usage!(
             "no policy for the trace {}{}: put policy.safetensors (or agent.th and network.th) beside it, or \
              name one with --policy",

@@ -6,7 +6,7 @@ use glam::DVec2;
 
 use super::{Comparison, Deviations};
 use crate::base::error::{Error, Result};
-use crate::environment::{EPISODE_STEPS, Task, World};
+use crate::environment::{Environment, Outcome, State, Task};
 use crate::recording::{Episode, Recording};
 
 /// A single step from the recorded state.
@@ -28,13 +28,20 @@ struct Found {
     free_run: Deviations,
 }
 
+/// One world, put where a recording has it.
+struct World {
+    environment: Box<dyn Environment>,
+    outcome: Outcome,
+}
+
 pub(super) fn compare(file: &Path, recording: &Recording) -> Result<Vec<Comparison>> {
     let task = Task::parse(&recording.header.task)?;
     check_team(&task, recording).map_err(|what| Error::io("verify", file, what))?;
-    let (mut world, mut found) = (World::new(&task), Found::default());
+    let outcome = Outcome::of(1, task.spec().n_agents());
+    let (mut world, mut found) = (World { environment: task.environment(1), outcome }, Found::default());
     for (number, episode) in recording.episodes.iter().enumerate() {
-        compare_steps(number, episode, &mut world, &mut found);
-        run_freely(number, episode, &mut world, &mut found);
+        compare_steps(number, episode, &mut world, &mut found)?;
+        run_freely(number, episode, &mut world, &mut found)?;
     }
     Ok(vec![
         found.states.largest(file, "state after a step", STEP_TOLERANCE),
@@ -46,66 +53,78 @@ pub(super) fn compare(file: &Path, recording: &Recording) -> Result<Vec<Comparis
 }
 
 fn check_team(task: &Task, recording: &Recording) -> std::result::Result<(), String> {
-    let header = &recording.header;
-    let (expected, found) = ((task.n_agents(), task.n_landmarks()), (header.n_agents, header.n_landmarks));
+    let (header, spec) = (&recording.header, task.spec());
+    let (expected, found) = ((spec.n_agents(), spec.landmarks), (header.n_agents, header.n_landmarks));
     if expected != found {
         return Err(format!(
             "it has {} agents and {} landmarks, {} has {} and {}",
-            found.0,
-            found.1,
-            task.id(),
-            expected.0,
-            expected.1
+            found.0, found.1, spec.id, expected.0, expected.1
         ));
     }
-    let is_goal = |goal: Option<usize>| {
-        goal.is_some() == task.has_goal() && goal.is_none_or(|g| g < task.n_landmarks())
-    };
-    if let Some(episode) = recording.episodes.iter().find(|episode| !is_goal(episode.goal_landmark)) {
-        return Err(format!("{} has no goal {:?}", task.id(), episode.goal_landmark));
-    }
     let mut actions =
-        recording.episodes.iter().flat_map(|e| &e.actions).flat_map(|team| team.iter().enumerate());
-    match actions.find(|(agent, action)| usize::from(**action) >= task.available_actions(*agent)) {
-        Some((agent, action)) => Err(format!("agent {agent} has no action {action}")),
+        recording.episodes.iter().flat_map(|e| &e.actions).flat_map(|team| team.iter().zip(&spec.agents));
+    match actions.find(|(action, agent)| !agent.actions.contains(&action.words(0))) {
+        Some((action, agent)) => Err(format!("{} has no action {action:?}", agent.name)),
         None => Ok(()),
     }
 }
 
-fn compare_steps(number: usize, episode: &Episode, world: &mut World, found: &mut Found) {
-    let mut observation = vec![0.0; world.task().padded_obs_dim()];
+fn compare_steps(number: usize, episode: &Episode, world: &mut World, found: &mut Found) -> Result<()> {
+    let spec = world.environment.spec().clone();
+    let mut observations = vec![0.0; spec.n_agents() * spec.padded_obs_dim()];
     for (step, recorded) in episode.obs.iter().enumerate() {
-        episode.restore(step, world);
-        for (agent, recorded) in recorded.iter().enumerate() {
-            world.observe(agent, &mut observation);
-            compare_observation(&observation, recorded, found.observations.at(number, step));
+        world.restore(episode, step)?;
+        world.environment.observe(1, &mut observations)?;
+        for (observed, recorded) in observations.chunks_exact(spec.padded_obs_dim()).zip(recorded) {
+            compare_observation(observed, recorded, found.observations.at(number, step));
         }
     }
     let mut total = 0.0;
-    for (step, actions) in episode.actions.iter().enumerate() {
-        episode.restore(step, world);
-        world.step(actions);
-        compare_state(world, episode, step + 1, found.states.at(number, step));
-        found.rewards.at(number, step).add(world.team_reward(), episode.team_reward[step]);
+    for (step, recorded) in episode.team_reward.iter().enumerate() {
+        world.restore(episode, step)?;
+        world.step(episode, step)?;
+        compare_state(&world.state(), episode, step + 1, found.states.at(number, step));
+        let rewards = &world.outcome.rewards;
+        let team_reward = spec.team_reward(rewards);
+        found.rewards.at(number, step).add(team_reward, *recorded);
         if let Some(recorded) = episode.agent_reward.get(step) {
-            found.rewards.add_all(world.agent_rewards(), recorded);
+            found.rewards.add_all(rewards, recorded);
         }
-        total += world.team_reward();
+        total += team_reward;
     }
-    found.returns.at(number, EPISODE_STEPS).add(total, episode.episode_return);
+    found.returns.at(number, episode.actions.len()).add(total, episode.episode_return);
+    Ok(())
 }
 
-fn run_freely(number: usize, episode: &Episode, world: &mut World, found: &mut Found) {
-    episode.restore(0, world);
-    for (step, actions) in episode.actions.iter().enumerate() {
-        world.step(actions);
-        compare_state(world, episode, step + 1, found.free_run.at(number, step));
+fn run_freely(number: usize, episode: &Episode, world: &mut World, found: &mut Found) -> Result<()> {
+    world.restore(episode, 0)?;
+    for step in 0..episode.actions.len() {
+        world.step(episode, step)?;
+        compare_state(&world.state(), episode, step + 1, found.free_run.at(number, step));
+    }
+    Ok(())
+}
+
+impl World {
+    /// Puts it into the state before a step.
+    fn restore(&mut self, episode: &Episode, step: usize) -> Result<()> {
+        let (state, last_actions) = episode.at(step, self.environment.spec().action_width());
+        self.environment.set_state(0, &state, last_actions.as_deref())
+    }
+
+    /// Does what was done in a step.
+    fn step(&mut self, episode: &Episode, step: usize) -> Result<()> {
+        let actions = episode.words(step, self.environment.spec().action_width());
+        self.environment.step(&actions, &[true], &mut self.outcome)
+    }
+
+    fn state(&self) -> State {
+        self.environment.state(0)
     }
 }
 
-fn compare_state(world: &World, episode: &Episode, step: usize, deviations: &mut Deviations) {
-    let pairs =
-        [(world.positions(), &episode.agent_pos[step]), (world.velocities(), &episode.agent_vel[step])];
+fn compare_state(state: &State, episode: &Episode, step: usize, deviations: &mut Deviations) {
+    let pairs = [(&state.positions, &episode.agent_pos[step]), (&state.velocities, &episode.agent_vel[step])];
     for (found, recorded) in pairs {
         for (found, recorded) in found.iter().zip(recorded) {
             let DVec2 { x, y } = *recorded;

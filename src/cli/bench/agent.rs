@@ -73,7 +73,7 @@ impl BenchAgent {
         for round in 1..=ROUNDS {
             tell(&format!("round {round} of {ROUNDS}"));
             for ((kind, rows), measured) in &mut measured {
-                let policy = Policy::untrained(&dims(&task), 0, Networks::paper(*kind))?;
+                let policy = Policy::untrained(&dims(task.spec()), 0, Networks::paper(*kind))?;
                 let longest = Duration::from_secs_f64(self.seconds / f64::from(ROUNDS));
                 measured.agent(&task, &policy, *rows, longest)?;
                 measured.weights(&policy, longest)?;
@@ -148,9 +148,9 @@ impl Measured {
     /// The agent's own tick.
     fn agent(&mut self, task: &Task, policy: &Policy, worlds: usize, longest: Duration) -> Result<()> {
         let imputer = ImputerName::Predictor(PREFERRED.to_owned());
-        let settings = AgentSettings { imputer, worlds, ..AgentSettings::for_task(task) };
+        let settings = AgentSettings { imputer, worlds, ..AgentSettings::of(task.spec()) };
         let mut agent = Agent::with_policy(&settings, policy, 0)?;
-        let observation: Vec<f32> = numbers(task.padded_obs_dim());
+        let observation: Vec<f32> = numbers(task.spec().padded_obs_dim());
         let received = Some(Received { tick: 1, observation: &observation });
         agent.begin_episode(worlds);
         let mut step = 0;
@@ -158,7 +158,7 @@ impl Measured {
             step += 1;
             let began = now_ns();
             for world in 0..worlds {
-                black_box(agent.fuse(world, &observation, &Inbox::of(task.n_agents(), |_| received)));
+                black_box(agent.fuse(world, &observation, &Inbox::of(task.spec().n_agents(), |_| received)));
             }
             let fused = now_ns();
             agent.act(0, step, worlds);
@@ -203,7 +203,7 @@ impl Measured {
     fn candle(&mut self, task: &Task, policy: &Policy, rows: usize, longest: Duration) -> Result<()> {
         let mut actor = reference::Actor::new(policy, 0, rows);
         let mut predictor = reference::Predictor::new(policy, PREFERRED, rows);
-        let inputs = numbers(rows * task.joint_dim());
+        let inputs = numbers(rows * task.spec().joint_dim());
         repeat(longest, |counts| {
             let began = now_ns();
             black_box(actor.forward(rows, &inputs));

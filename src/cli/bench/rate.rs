@@ -111,8 +111,8 @@ impl BenchRate {
     }
 
     fn measure(&self, task: &Task, p: f64) -> Result<Measured> {
-        let settings = AgentSettings::for_task(task);
-        let policy = settings.policy.load(task)?;
+        let settings = AgentSettings::of(task.spec());
+        let policy = settings.policy.load(task.spec())?;
         let settings = AgentSettings { imputer: ImputerName::choose(None, &policy)?, ..settings };
         let lockstep = self.play(task, p, &mut InProcess::new(&settings, &policy)?)?;
         let at_rate = |rate: &f64| self.play_at(*rate, task, p, &settings, &policy);
@@ -139,7 +139,8 @@ impl BenchRate {
 
     fn play(&self, task: &Task, p: f64, team: &mut impl Team) -> Result<Statistics> {
         const SEED: u64 = 0;
-        let mut session = Session::new(task, LinkModel::new(Links::Level(p), SEED, true), SEED, 1);
+        let mut session =
+            Session::new(task.environment(1), LinkModel::new(Links::Level(p), SEED, true), SEED);
         let mut ledger = Ledger::default();
         session.play(team, self.episodes, &mut [&mut ledger])?;
         Ok(ledger.into_statistics())
@@ -175,7 +176,7 @@ impl Measured {
         });
         json!({
             "task": self.task.id(),
-            "agents": self.task.n_agents(),
+            "agents": self.task.spec().n_agents(),
             "p": self.p,
             "lockstep": {
                 "return_mean": self.lockstep.return_mean(),

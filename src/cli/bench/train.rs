@@ -10,7 +10,6 @@ use super::{median, some_seconds};
 use crate::base::error::Result;
 use crate::bus::Wait;
 use crate::cli::{keep_candle_to_its_thread, table, tell, train};
-use crate::environment::EPISODE_STEPS;
 use crate::supervisor::{InProcess, Processes, Team, signals};
 use crate::train::{Backend, Config, Layer, Preset, Throughput, Trainer, matmul_rate, test_duration};
 
@@ -52,6 +51,7 @@ pub struct BenchTrain {
 /// What is measured of a task.
 struct Measured {
     config: Config,
+    episode_steps: usize,
     /// Floating-point operations of the matrix products of an update.
     flop: f64,
     native: Vec<Throughput>,
@@ -129,9 +129,10 @@ impl Measured {
     fn begin(task: &str, threads: usize) -> Result<Measured> {
         let config = config(task, "value-aware", Backend::Native)?;
         let trainer = Trainer::new(config.clone(), threads)?;
-        let flop = trainer.team().flop_per_update(config.batch_episodes, EPISODE_STEPS, config.replay_batch);
+        let steps = trainer.task().spec().episode_steps;
+        let flop = trainer.team().flop_per_update(config.batch_episodes, steps, config.replay_batch);
         let (native, candle, both, test) = Default::default();
-        Ok(Measured { config, flop, native, candle, both, test })
+        Ok(Measured { config, episode_steps: steps, flop, native, candle, both, test })
     }
 
     /// One round: everything in turn.
@@ -168,7 +169,7 @@ impl Measured {
             [native.busy.actors, native.busy.critics, native.busy.predictors].map(part);
         let with_rollouts = self.flop / (whole * 1e-3);
         let updates_between_tests =
-            self.config.test_interval as f64 / (self.config.update_every * EPISODE_STEPS) as f64;
+            self.config.test_interval as f64 / (self.config.update_every * self.episode_steps) as f64;
         [
             per_second(&self.native),
             per_second(&self.candle),

@@ -11,7 +11,7 @@ use super::{median, some_seconds};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::cli::{table, tell};
-use crate::environment::{EPISODE_STEPS, Task, World};
+use crate::environment::{Environment, Outcome, Spec, Task};
 use crate::supervisor::signals;
 
 /// Worlds: env steps/s on one core
@@ -58,13 +58,13 @@ impl BenchWorld {
         }
         let measured: Vec<_> = tasks.iter().zip(rates.into_iter().map(median)).collect();
         let tasks = measured.iter().map(|(task, rate)| {
-            json!({ "task": task.id(), "agents": task.n_agents(), "env_steps_per_s": rate, "step_us": 1e6 / rate })
+            json!({ "task": task.id(), "agents": task.spec().n_agents(), "env_steps_per_s": rate, "step_us": 1e6 / rate })
         });
         self.output.print(json!({ "tasks": tasks.collect::<Vec<_>>() }), || {
             let rows = measured.iter().map(|(task, rate)| {
                 vec![
                     task.id().to_owned(),
-                    task.n_agents().to_string(),
+                    task.spec().n_agents().to_string(),
                     format!("{:.2} M", rate / 1e6),
                     format!("{:.0}", 1e9 / rate),
                 ]
@@ -77,8 +77,14 @@ impl BenchWorld {
 
 /// Plays for so long, after a tenth of it to warm up.
 fn env_steps_per_second(task: &Task, longest: Duration) -> Result<f64> {
-    let mut world = World::new(task);
-    let mut observations = vec![0.0; task.n_agents() * task.padded_obs_dim()];
+    let spec = task.spec();
+    let mut world = World {
+        environment: task.environment(1),
+        spec: spec.clone(),
+        observations: vec![0.0; spec.n_agents() * spec.padded_obs_dim()],
+        actions: vec![0; spec.n_agents() * spec.action_width()],
+        outcome: Outcome::of(1, spec.n_agents()),
+    };
     let mut rate = 0.0;
     for longest in [longest / 10, longest] {
         let (began, mut episodes) = (Instant::now(), 0);
@@ -86,36 +92,45 @@ fn env_steps_per_second(task: &Task, longest: Duration) -> Result<f64> {
             signals::check_stop()?;
             // Looking at the clock costs as much as some steps.
             for _ in 0..16 {
-                black_box(play(&mut world, episodes, &mut observations));
+                black_box(world.play(episodes)?);
                 episodes += 1;
             }
         }
-        rate = (episodes * EPISODE_STEPS as u64) as f64 / began.elapsed().as_secs_f64();
+        rate = (episodes * spec.episode_steps as u64) as f64 / began.elapsed().as_secs_f64();
     }
     Ok(rate)
 }
 
-/// Plays an episode at random; its return.
-fn play(world: &mut World, episode: u64, observations: &mut [f32]) -> f64 {
-    let mut draws = Draws::new(0, Purpose::Action, episode, 0);
-    let mut actions = vec![0; world.task().n_agents()];
-    let mut episode_return = 0.0;
-    world.reset(0, episode);
-    observe(world, observations);
-    for _ in 0..EPISODE_STEPS {
-        for (agent, action) in actions.iter_mut().enumerate() {
-            *action = draws.below(world.task().available_actions(agent)) as u8;
-        }
-        world.step(&actions);
-        episode_return += world.team_reward();
-        observe(world, observations);
-    }
-    episode_return
+/// One world, with all that is needed to play in it.
+struct World {
+    environment: Box<dyn Environment>,
+    spec: Spec,
+    observations: Vec<f32>,
+    actions: Vec<u32>,
+    outcome: Outcome,
 }
 
-/// Writes what all agents observe, `[agents, observation]`.
-fn observe(world: &World, observations: &mut [f32]) {
-    let all = observations.chunks_exact_mut(world.task().padded_obs_dim());
-    all.enumerate().for_each(|(agent, observation)| world.observe(agent, observation));
-    black_box(observations);
+impl World {
+    /// Plays an episode at random; its return.
+    fn play(&mut self, episode: u64) -> Result<f64> {
+        let mut draws = Draws::new(0, Purpose::Action, episode, 0);
+        let mut episode_return = 0.0;
+        self.environment.reset(0, 0, episode)?;
+        self.observe()?;
+        for _ in 0..self.spec.episode_steps {
+            for (agent, action) in self.actions.iter_mut().enumerate() {
+                *action = draws.below(self.spec.available_actions(agent)) as u32;
+            }
+            self.environment.step(&self.actions, &[true], &mut self.outcome)?;
+            episode_return += self.spec.team_reward(&self.outcome.rewards);
+            self.observe()?;
+        }
+        Ok(episode_return)
+    }
+
+    fn observe(&mut self) -> Result<()> {
+        self.environment.observe(1, &mut self.observations)?;
+        black_box(&self.observations);
+        Ok(())
+    }
 }

@@ -6,7 +6,7 @@ use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
 
 use crate::base::error::{Error, Result};
-use crate::environment::Task;
+use crate::environment::Spec;
 use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, key};
 use crate::train::{Backend, Batch, CriticInput, Estimator, Objective, PredictorSettings, Settings};
 
@@ -130,9 +130,9 @@ impl UpdateFile {
     }
 
     /// The episodes, in our order: by time, then episode, then agent.
-    pub(super) fn batch(&self, task: &Task) -> Result<Batch> {
-        let (n, joint, obs) = (task.n_agents(), task.joint_dim(), task.padded_obs_dim());
-        let n_actions = (0..n).map(|agent| task.available_actions(agent)).max().unwrap_or_default();
+    pub(super) fn batch(&self, spec: &Spec) -> Result<Batch> {
+        let (n, joint, obs) = (spec.n_agents(), spec.joint_dim(), spec.padded_obs_dim());
+        let n_actions = spec.n_actions();
         let (episodes, last) = match self.shape("batch.reward")?[..] {
             [episodes, times, 1] if episodes > 0 && times > 1 => (episodes, times - 1),
             _ => return self.refuse("batch.reward is not [episodes, steps + 1, 1]"),
@@ -148,14 +148,14 @@ impl UpdateFile {
         if filled.iter().any(|&filled| filled != 1) {
             return self.refuse("batch.filled: an episode is shorter than the others");
         }
-        let ours = |at: usize| at % n_actions < task.available_actions(at / n_actions % n);
+        let ours = |at: usize| at % n_actions < spec.available_actions(at / n_actions % n);
         if masks.iter().enumerate().any(|(at, &mask)| (mask == 1) != ours(at)) {
             return self.refuse("batch.avail_actions are not those of the task");
         }
         if actions
             .iter()
             .enumerate()
-            .any(|(at, action)| !(0..task.available_actions(at % n) as i64).contains(action))
+            .any(|(at, action)| !(0..spec.available_actions(at % n) as i64).contains(action))
         {
             return self.refuse("batch.actions: an agent has no such action");
         }

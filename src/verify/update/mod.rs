@@ -13,7 +13,7 @@ use self::file::{Config, UpdateFile};
 use super::{Comparison, Deviations, FileKind};
 use crate::agent::dims;
 use crate::base::error::{Error, Result};
-use crate::environment::Task;
+use crate::environment::{Spec, Task};
 use crate::train::{Parameters, Team};
 
 /// Largest deviation of an advantage: a difference of two sums in f32 that add in another order.
@@ -29,6 +29,7 @@ const WEIGHTS: f64 = 1e-3;
 pub(super) fn compare(config_file: &Path) -> Result<Vec<Comparison>> {
     let config = Config::read(config_file)?;
     let task = Task::parse(&config.task)?;
+    let spec = task.spec();
     let folder =
         config_file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let files =
@@ -36,10 +37,10 @@ pub(super) fn compare(config_file: &Path) -> Result<Vec<Comparison>> {
     let mut files = files.map(UpdateFile::read);
     let mut file = files.next().expect("a folder without updates was refused")?;
 
-    let (mut team, start) = team(&config, &task, &file)?;
+    let (mut team, start) = team(&config, spec, &file)?;
     let mut comparisons = Vec::new();
     loop {
-        comparisons.extend(compare_update(&mut team, &start, &task, &file)?);
+        comparisons.extend(compare_update(&mut team, &start, spec, &file)?);
         match files.next() {
             Some(next) => file = next?,
             None => return Ok(comparisons),
@@ -78,15 +79,15 @@ fn networks(team: &mut Team) -> impl Iterator<Item = (&'static str, &mut Paramet
 }
 
 /// The team before the first update, and its weights, tensor by tensor.
-fn team(config: &Config, task: &Task, file: &UpdateFile) -> Result<(Team, Vec<Vec<f32>>)> {
-    let (settings, dims) = (config.settings(), dims(task));
+fn team(config: &Config, spec: &Spec, file: &UpdateFile) -> Result<(Team, Vec<Vec<f32>>)> {
+    let (settings, dims) = (config.settings(), dims(spec));
     // The file bounds the sizes before memory is asked for.
-    for spec in settings.networks.tensors(&dims) {
-        let kind = if spec.name.starts_with("actors") { "actor" } else { "predictor" };
-        file.weights(&format!("before.{kind}"), &spec)?;
+    for tensor in settings.networks.tensors(&dims) {
+        let kind = if tensor.name.starts_with("actors") { "actor" } else { "predictor" };
+        file.weights(&format!("before.{kind}"), &tensor)?;
     }
-    let available: Vec<usize> = (0..task.n_agents()).map(|agent| task.available_actions(agent)).collect();
-    let mut team = Team::untrained(settings, &dims, task.padded_obs_dim(), &available, 0, 1);
+    let available: Vec<usize> = (0..spec.n_agents()).map(|agent| spec.available_actions(agent)).collect();
+    let mut team = Team::untrained(settings, &dims, spec.padded_obs_dim(), &available, 0, 1);
     let mut start = Vec::new();
     for (kind, parameters) in networks(&mut team) {
         for at in 0..parameters.specs.len() {
@@ -108,15 +109,15 @@ fn team(config: &Config, task: &Task, file: &UpdateFile) -> Result<(Team, Vec<Ve
 fn compare_update(
     team: &mut Team,
     start: &[Vec<f32>],
-    task: &Task,
+    spec: &Spec,
     file: &UpdateFile,
 ) -> Result<Vec<Comparison>> {
-    let batch = file.batch(task)?;
+    let batch = file.batch(spec)?;
     let losses = team.update(&batch, &[]).predictors.first().copied().flatten();
     let loss = losses.map_or(f64::NAN, |losses| losses.loss);
 
     let (mut advantages, mut losses) = (Deviations::default(), Deviations::default());
-    advantages.add_all(team.advantages(), &file.advantages(&batch, task.n_agents())?);
+    advantages.add_all(team.advantages(), &file.advantages(&batch, spec.n_agents())?);
     losses.add(loss, file.predictor_loss()?);
     let mut comparisons = vec![
         advantages.largest(&file.path, "advantages", ADVANTAGES),

@@ -1,0 +1,189 @@
+//! Point-mass agents on a plane: how an episode begins and steps, for every family of tasks.
+
+use std::fmt::Debug;
+
+use glam::{DVec2, dvec2};
+
+use super::{End, Physics, Spec, State, World, Worlds};
+use crate::base::error::Result;
+use crate::base::rng::{Draws, Purpose};
+use crate::failed;
+
+/// What makes a family of tasks what it is.
+pub(super) trait Rules: Clone + Debug + Send + 'static {
+    /// Whether one landmark is the goal of all.
+    const HAS_GOAL: bool;
+
+    /// How bodies move in a team of so many.
+    fn physics(n_agents: usize) -> Physics;
+
+    /// The landmark that becomes the goal.
+    fn draw_goal(_draws: &mut Draws, _landmarks: usize) -> usize {
+        0
+    }
+
+    /// What is said with these actions, where somebody speaks.
+    fn message(_actions: &[u32]) -> Option<u32> {
+        None
+    }
+
+    /// Writes what `agent` observes into `out`.
+    fn observe(plane: &Plane, agent: usize, out: &mut [f32]);
+
+    /// Writes what each agent earns where it is now.
+    fn reward(plane: &Plane, physics: &Physics, rewards: &mut [f64]);
+}
+
+/// What is where.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Plane {
+    pub(super) positions: Vec<DVec2>,
+    pub(super) velocities: Vec<DVec2>,
+    pub(super) landmarks: Vec<DVec2>,
+    /// The landmark all go to; 0 where the task has no goal.
+    pub(super) goal: usize,
+    /// What the speaker said in the last step.
+    pub(super) message: Option<u32>,
+}
+
+/// One world and the state of its episode.
+#[derive(Clone, Debug)]
+pub(super) struct PointMass<R> {
+    pub(super) plane: Plane,
+    physics: Physics,
+    forces: Vec<DVec2>,
+    rules: std::marker::PhantomData<R>,
+}
+
+/// A batch of worlds with these rules.
+pub(super) fn worlds<R: Rules>(spec: &Spec, worlds: usize) -> Box<dyn super::Environment> {
+    Box::new(Worlds::new(spec.clone(), worlds, PointMass::<R>::new))
+}
+
+impl<R: Rules> PointMass<R> {
+    /// A world before its first episode: everything lies at the origin.
+    pub(super) fn new(spec: &Spec) -> PointMass<R> {
+        let n = spec.n_agents();
+        PointMass {
+            plane: Plane {
+                positions: vec![DVec2::ZERO; n],
+                velocities: vec![DVec2::ZERO; n],
+                landmarks: vec![DVec2::ZERO; spec.landmarks],
+                ..Plane::default()
+            },
+            physics: R::physics(n),
+            forces: vec![DVec2::ZERO; n],
+            rules: std::marker::PhantomData,
+        }
+    }
+
+    fn act(&mut self, actions: &[u32]) {
+        for (force, &action) in self.forces.iter_mut().zip(actions) {
+            *force = self.physics.action_force(action);
+        }
+        self.plane.message = R::message(actions);
+    }
+
+    fn collide(&mut self) {
+        self.physics.add_contact_forces(&self.plane.positions, &mut self.forces);
+    }
+
+    fn integrate(&mut self) {
+        self.physics.integrate(&self.forces, &mut self.plane.velocities, &mut self.plane.positions);
+    }
+}
+
+impl<R: Rules> World for PointMass<R> {
+    /// All at rest, everything uniform in `[-1, 1]^2`.
+    ///
+    /// The draws are those of ([`Purpose::Reset`], episode, step 0) in a fixed order: x and y of each
+    /// agent, x and y of each landmark, then the goal where one is drawn.
+    fn reset(&mut self, seed: u64, episode: u64) -> Result<()> {
+        let mut draws = Draws::new(seed, Purpose::Reset, episode, 0);
+        let Plane { positions, velocities, landmarks, goal, message } = &mut self.plane;
+        for place in positions.iter_mut().chain(&mut *landmarks) {
+            *place = dvec2(draws.between(-1.0, 1.0), draws.between(-1.0, 1.0));
+        }
+        *goal = R::draw_goal(&mut draws, landmarks.len());
+        velocities.fill(DVec2::ZERO);
+        *message = None;
+        Ok(())
+    }
+
+    fn observe(&self, agent: usize, out: &mut [f32]) {
+        R::observe(&self.plane, agent, out);
+    }
+
+    /// One step of 0.1 s: agents act, collide and move, and are paid for where they end up.
+    ///
+    /// An action that does not exist does nothing: a body gets no force and the speaker stays silent.
+    fn step(&mut self, actions: &[u32], rewards: &mut [f64]) -> Result<End> {
+        self.act(actions);
+        self.collide();
+        self.integrate();
+        R::reward(&self.plane, &self.physics, rewards);
+        Ok(End::Open)
+    }
+
+    fn state(&self) -> State {
+        State {
+            positions: self.plane.positions.clone(),
+            velocities: self.plane.velocities.clone(),
+            landmarks: self.plane.landmarks.clone(),
+            goal: R::HAS_GOAL.then_some(self.plane.goal),
+        }
+    }
+
+    fn set_state(&mut self, state: &State, last_actions: Option<&[u32]>) -> Result<()> {
+        self.plane.place(state, R::HAS_GOAL)?;
+        self.plane.message = last_actions.and_then(R::message);
+        Ok(())
+    }
+
+    fn positions(&self) -> &[DVec2] {
+        &self.plane.positions
+    }
+}
+
+impl Plane {
+    /// Puts everything where `state` has it.
+    pub(super) fn place(&mut self, state: &State, has_goal: bool) -> Result<()> {
+        let State { positions, velocities, landmarks, goal } = state;
+        let (agents, places) = (self.positions.len(), self.landmarks.len());
+        if (positions.len(), velocities.len(), landmarks.len()) != (agents, agents, places) {
+            return Err(failed!(
+                "this state has {} places, {} velocities and {} landmarks, the world {agents} agents and {places} landmarks",
+                positions.len(),
+                velocities.len(),
+                landmarks.len()
+            ));
+        }
+        if goal.is_some() != has_goal || goal.is_some_and(|goal| goal >= places) {
+            return Err(failed!("this world has no goal {goal:?}"));
+        }
+        self.positions.copy_from_slice(positions);
+        self.velocities.copy_from_slice(velocities);
+        self.landmarks.copy_from_slice(landmarks);
+        self.goal = goal.unwrap_or(0);
+        Ok(())
+    }
+}
+
+impl Plane {
+    /// The distances from each landmark to the agent nearest to it, added up, m.
+    pub(super) fn uncovered(&self) -> f64 {
+        let to_nearest = |landmark: &DVec2| {
+            let squared = self.positions.iter().map(|position| position.distance_squared(*landmark));
+            squared.fold(f64::INFINITY, f64::min).sqrt()
+        };
+        self.landmarks.iter().map(to_nearest).sum()
+    }
+}
+
+/// Writes `vectors` as consecutive x, y to the front of `out`.
+pub(super) fn write(vectors: &[DVec2], out: &mut [f32]) {
+    let (pairs, _) = out.as_chunks_mut();
+    for (pair, vector) in pairs.iter_mut().zip(vectors) {
+        *pair = vector.as_vec2().to_array();
+    }
+}

@@ -1,0 +1,213 @@
+//! The registry of environments: families of tasks and what they are called.
+
+use super::{Environment, Spec};
+use crate::base::error::{Error, Result};
+use crate::base::nearest::did_you_mean;
+use crate::base::rng::MAX_AGENTS;
+use crate::usage;
+
+use super::{hear_see, speaker_listener, spread};
+
+/// All families. One line each, and a file.
+pub(super) static FAMILIES: [&Family; 4] =
+    [&hear_see::FAMILY, &speaker_listener::FAMILY, &spread::XY, &spread::BLINDFOLD];
+
+/// Tasks that play by the same rules.
+#[derive(Debug)]
+pub(super) struct Family {
+    /// What the team does, in one line.
+    pub(super) summary: &'static str,
+    /// Those with names of their own, smallest team first.
+    pub(super) named: &'static [Named],
+    /// The others, if there are tasks for teams of other sizes.
+    pub(super) any_size: Option<AnySize>,
+    /// Describes the task of this id for so many agents.
+    pub(super) spec: fn(id: &str, n_agents: usize) -> Spec,
+    /// Makes so many worlds of a task.
+    pub(super) worlds: fn(spec: &Spec, worlds: usize) -> Box<dyn Environment>,
+}
+
+/// A task with a name of its own.
+#[derive(Debug)]
+pub(super) struct Named {
+    pub(super) n_agents: usize,
+    pub(super) id: &'static str,
+    /// The paper's name where it has one, then that of the reference environment.
+    pub(super) aliases: &'static [&'static str],
+    /// Whether it is what a team of its size plays where no task is named.
+    pub(super) default_for_its_size: bool,
+}
+
+/// Tasks that are called by a prefix and the size of the team.
+#[derive(Debug)]
+pub(super) struct AnySize {
+    pub(super) prefix: &'static str,
+    /// Teams are made of groups of so many agents.
+    pub(super) group: usize,
+}
+
+/// A task that is nobody's default.
+pub(super) const fn named(n_agents: usize, id: &'static str, aliases: &'static [&'static str]) -> Named {
+    Named { n_agents, id, aliases, default_for_its_size: false }
+}
+
+/// The family, the id and the team size that `name` stands for.
+pub(super) fn find(name: &str) -> Result<(&'static Family, String, usize)> {
+    let called = |named: &&Named| named.names().any(|known| known.eq_ignore_ascii_case(name));
+    for family in FAMILIES {
+        if let Some(named) = family.named.iter().find(called) {
+            return Ok((family, named.id.to_owned(), named.n_agents));
+        }
+    }
+    let lower = name.to_ascii_lowercase();
+    for family in FAMILIES {
+        let any = family.any_size.as_ref();
+        if let Some((any, size)) = any.and_then(|any| Some((any, lower.strip_prefix(any.prefix)?))) {
+            return match size.parse() {
+                Ok(n @ 1..=MAX_AGENTS) if n % any.group == 0 => Ok((family, format!("{}{n}", any.prefix), n)),
+                _ => Err(usage!("`{size}` is no team size for {}N: N {}", any.prefix, any.allowed())),
+            };
+        }
+    }
+    Err(unknown(name))
+}
+
+/// The other names of a task.
+pub(super) fn aliases(id: &str) -> &'static [&'static str] {
+    all_named().find(|named| named.id == id).map_or(&[], |named| named.aliases)
+}
+
+/// The name of the task for a team of `n` where none is given.
+pub(super) fn default_for(n: usize) -> Result<&'static str> {
+    let defaults = || all_named().filter(|named| named.default_for_its_size);
+    if let Some(named) = defaults().find(|named| named.n_agents == n) {
+        return Ok(named.id);
+    }
+    let mut sizes: Vec<usize> = defaults().map(|named| named.n_agents).collect();
+    sizes.sort_unstable();
+    let (last, others) = sizes.split_last().expect("there are defaults");
+    let others: Vec<String> = others.iter().map(usize::to_string).collect();
+    Err(match n {
+        1..=MAX_AGENTS => usage!(
+            "there is no default task for a team of {n}, only for {} and {last} agents; name one, such as \
+             `--task spread-blindfold-{n}`",
+            others.join(", ")
+        ),
+        _ => usage!("a team has 1 to {MAX_AGENTS} agents, not {n}"),
+    })
+}
+
+/// What tasks of other team sizes are called, such as `spread-xy-N (N even, from 2 to 64)`.
+pub(super) fn other_sizes() -> String {
+    let any = FAMILIES.iter().filter_map(|family| family.any_size.as_ref());
+    let words: Vec<String> = any.map(|any| format!("{}N (N {})", any.prefix, any.allowed())).collect();
+    let (last, others) = words.split_last().expect("there are families for any size");
+    format!("{} and {last}", others.join(", "))
+}
+
+fn all_named() -> impl Iterator<Item = &'static Named> {
+    FAMILIES.iter().flat_map(|family| family.named)
+}
+
+/// Names the tasks there are, and the one that was probably meant.
+fn unknown(name: &str) -> Error {
+    let meant = did_you_mean(name, all_named().flat_map(Named::names));
+    let ids = all_named().map(|named| named.id).collect::<Vec<_>>().join(", ");
+    usage!("there is no task `{name}`{meant}; there are {ids}, and for other team sizes {}", other_sizes())
+}
+
+impl Named {
+    fn names(&self) -> impl Iterator<Item = &'static str> + use<> {
+        std::iter::once(self.id).chain(self.aliases.iter().copied())
+    }
+}
+
+impl AnySize {
+    fn allowed(&self) -> String {
+        let even = if self.group == 2 { "even, " } else { "" };
+        format!("{even}from {} to {MAX_AGENTS}", self.group)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::environment::Task;
+
+    fn id_of(name: &str) -> String {
+        Task::parse(name).unwrap().id().to_string()
+    }
+
+    #[test]
+    fn a_task_answers_to_all_its_names_in_any_case() {
+        for task in Task::all() {
+            let names = std::iter::once(task.id()).chain(task.aliases().iter().copied());
+            for name in names {
+                for written in [name.to_string(), name.to_uppercase(), name.to_lowercase()] {
+                    assert_eq!(Task::parse(&written).unwrap().spec(), task.spec());
+                }
+            }
+        }
+        let expected = [
+            ("HS", "hear-see"),
+            ("SL", "speaker-listener"),
+            ("SXY-2", "spread-xy-2"),
+            ("SXY-4", "spread-xy-4"),
+            ("SBF", "spread-blindfold"),
+            ("SimpleBlindDeaf-v0", "hear-see"),
+            ("SimpleSpeakerListener-v0", "speaker-listener"),
+            ("SimpleSpreadXY-v0", "spread-xy-2"),
+            ("SimpleSpreadXY4-v0", "spread-xy-4"),
+            ("SimpleSpreadXY8-v0", "spread-xy-8"),
+            ("SimpleSpreadBlind-v0", "spread-blindfold"),
+            ("SimpleSpreadBlind6-v0", "spread-blindfold-6"),
+            ("SimpleSpreadBlind12-v0", "spread-blindfold-12"),
+            ("spread-blindfold-3", "spread-blindfold"),
+        ];
+        for (name, id) in expected {
+            assert_eq!(id_of(name), id);
+        }
+    }
+
+    #[test]
+    fn spread_takes_every_team_size_it_can() {
+        for n in 1..=MAX_AGENTS {
+            let task = Task::parse(&format!("spread-blindfold-{n}")).unwrap();
+            assert_eq!(
+                (task.spec().n_agents(), task.spec().landmarks, task.spec().obs_dim(0)),
+                (n, n, 4 + 2 * n)
+            );
+            assert_eq!(id_of(task.id()), task.id());
+            let pairs = Task::parse(&format!("Spread-XY-{n}"));
+            assert_eq!(pairs.is_ok(), n % 2 == 0);
+            assert!(pairs.is_err() || pairs.unwrap().spec().n_agents() == n);
+        }
+        for (name, allowed) in [("spread-xy-", "N even, from 2 to 64"), ("spread-blindfold-", "from 1 to 64")]
+        {
+            for size in ["0", "-2", "65", "66", "99999999999999999999", "", "N", "4 "] {
+                let error = Task::parse(&format!("{name}{size}")).unwrap_err();
+                assert_eq!(error.exit_code(), 2);
+                assert!(error.to_string().contains(allowed), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_is_answered_with_those_that_exist() {
+        let expected = [
+            ("speaker-listner", "did you mean `speaker-listener`?"),
+            ("spread-blind", "did you mean `spread-blindfold`?"),
+            ("SPREAD_XY_4", "did you mean `spread-xy-4`?"),
+            ("spread-xy", "did you mean `spread-xy-2`?"),
+            ("simplespread", "there are hear-see, speaker-listener, spread-xy-2"),
+            ("", "there is no task ``; there are"),
+            ("xx", "there is no task `xx`; there are"),
+            ("sch\u{f6}n", "spread-xy-N (N even, from 2 to 64) and spread-blindfold-N (N from 1 to 64)"),
+        ];
+        for (name, words) in expected {
+            let error = Task::parse(name).unwrap_err();
+            assert_eq!(error.exit_code(), 2);
+            assert!(error.to_string().contains(words), "{error}");
+        }
+    }
+}
