@@ -11,14 +11,14 @@
 //! [`Agent`] is these three calls. [`Member`] ties an agent to its port on the bus, phase by phase, and
 //! [`process`] runs a member as a process of its own.
 
-mod agent;
+mod decision;
 mod imputer;
 mod inbox;
 mod member;
 pub mod process;
 mod source;
 
-pub use agent::{Agent, AgentSettings};
+pub use decision::{Agent, AgentSettings};
 pub use imputer::{Imputer, JointLayout};
 pub use inbox::{Inbox, Mailbox, Received};
 pub use member::{Member, Sensed};

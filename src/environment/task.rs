@@ -13,8 +13,11 @@ pub struct Task {
     spec: Spec,
     summary: &'static str,
     aliases: &'static [&'static str],
-    worlds: Arc<dyn Fn(&Spec, usize) -> Box<dyn Environment> + Send + Sync>,
+    worlds: Arc<MakeWorlds>,
 }
+
+/// Makes so many worlds.
+type MakeWorlds = dyn Fn(&Spec, usize) -> Box<dyn Environment> + Send + Sync;
 
 impl Task {
     /// The task called `name`, in upper or lower case: an id, a paper name or a reference id, or

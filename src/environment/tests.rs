@@ -12,10 +12,15 @@ fn world(name: &str) -> Box<dyn Environment> {
     Task::parse(name).unwrap().environment(1)
 }
 
+/// Of the first world.
 fn bits(world: &dyn Environment) -> Vec<[u64; 2]> {
-    let State { positions, velocities, landmarks, .. } = world.state(0);
-    let bodies = positions.iter().chain(&velocities).chain(&landmarks);
-    bodies.map(|vector| vector.to_array().map(f64::to_bits)).collect()
+    bits_of(world, 0)
+}
+
+fn bits_of(batch: &dyn Environment, world: usize) -> Vec<[u64; 2]> {
+    let State { positions, velocities, landmarks, .. } = batch.state(world);
+    let all = positions.iter().chain(&velocities).chain(&landmarks);
+    all.map(|vector| vector.to_array().map(f64::to_bits)).collect()
 }
 
 fn step(world: &mut dyn Environment, actions: &[u32]) -> Vec<f64> {
@@ -139,11 +144,6 @@ fn worlds_of_a_batch_do_not_touch_each_other() {
         assert_eq!(step(&mut *alone, &own), outcome.rewards[4 * at..][..4]);
         assert_eq!(bits(&*alone), bits_of(&*batch, at));
     }
-}
-
-fn bits_of(batch: &dyn Environment, at: usize) -> Vec<[u64; 2]> {
-    let State { positions, velocities, .. } = batch.state(at);
-    positions.iter().chain(&velocities).map(|vector| vector.to_array().map(f64::to_bits)).collect()
 }
 
 #[test]

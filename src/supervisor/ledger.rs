@@ -14,8 +14,11 @@ pub struct Ledger<'a> {
     playing: Vec<EpisodeStatistics>,
     /// When the first episode began.
     began: Option<Instant>,
-    told: Option<Box<dyn FnMut(&Statistics) + 'a>>,
+    told: Option<Told<'a>>,
 }
+
+/// Is told what has been counted.
+type Told<'a> = Box<dyn FnMut(&Statistics) + 'a>;
 
 impl<'a> Ledger<'a> {
     /// A ledger that tells `told` what it has counted whenever episodes are over.
