@@ -49,6 +49,12 @@ pub enum PolicySource {
 impl PolicySource {
     /// Loads the policy for a task. Weights that are stored as f32, in a file or in the program, stay where they are.
     pub fn load(&self, spec: &Spec) -> Result<Policy> {
+        if spec.n_actions() == 0 {
+            return Err(usage!(
+                "the agents of {} act by values, and policies choose among discrete actions; take a task with these",
+                spec.id
+            ));
+        }
         match self {
             PolicySource::Builtin => {
                 let policy = BUILTIN.iter().find(|(id, _)| *id == spec.id());

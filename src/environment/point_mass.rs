@@ -65,12 +65,7 @@ impl<R: Rules> PointMass<R> {
     pub(super) fn new(spec: &Spec) -> PointMass<R> {
         let n = spec.n_agents();
         PointMass {
-            plane: Plane {
-                positions: vec![DVec2::ZERO; n],
-                velocities: vec![DVec2::ZERO; n],
-                landmarks: vec![DVec2::ZERO; spec.landmarks],
-                ..Plane::default()
-            },
+            plane: Plane::of(n, spec.landmarks),
             physics: R::physics(n),
             forces: vec![DVec2::ZERO; n],
             rules: std::marker::PhantomData,
@@ -94,19 +89,13 @@ impl<R: Rules> PointMass<R> {
 }
 
 impl<R: Rules> World for PointMass<R> {
-    /// All at rest, everything uniform in `[-1, 1]^2`.
-    ///
-    /// The draws are those of ([`Purpose::Reset`], episode, step 0) in a fixed order: x and y of each
-    /// agent, x and y of each landmark, then the goal where one is drawn.
+    /// All at rest, everything uniform in `[-1, 1]^2`. The draws are those of ([`Purpose::Reset`], episode, step 0): the
+    /// places, then the goal where one is drawn.
     fn reset(&mut self, seed: u64, episode: u64) -> Result<()> {
         let mut draws = Draws::new(seed, Purpose::Reset, episode, 0);
-        let Plane { positions, velocities, landmarks, goal, message } = &mut self.plane;
-        for place in positions.iter_mut().chain(&mut *landmarks) {
-            *place = dvec2(draws.between(-1.0, 1.0), draws.between(-1.0, 1.0));
-        }
-        *goal = R::draw_goal(&mut draws, landmarks.len());
-        velocities.fill(DVec2::ZERO);
-        *message = None;
+        self.plane.scatter(&mut draws);
+        self.plane.goal = R::draw_goal(&mut draws, self.plane.landmarks.len());
+        self.plane.message = None;
         Ok(())
     }
 
@@ -126,12 +115,7 @@ impl<R: Rules> World for PointMass<R> {
     }
 
     fn state(&self) -> State {
-        State {
-            positions: self.plane.positions.clone(),
-            velocities: self.plane.velocities.clone(),
-            landmarks: self.plane.landmarks.clone(),
-            goal: R::HAS_GOAL.then_some(self.plane.goal),
-        }
+        self.plane.state(R::HAS_GOAL)
     }
 
     fn set_state(&mut self, state: &State, last_actions: Option<&[u32]>) -> Result<()> {
@@ -146,6 +130,44 @@ impl<R: Rules> World for PointMass<R> {
 }
 
 impl Plane {
+    /// Everything lies at the origin.
+    pub(super) fn of(agents: usize, landmarks: usize) -> Plane {
+        Plane {
+            positions: vec![DVec2::ZERO; agents],
+            velocities: vec![DVec2::ZERO; agents],
+            landmarks: vec![DVec2::ZERO; landmarks],
+            ..Plane::default()
+        }
+    }
+
+    /// Puts everything at rest in a place of its own, uniform in `[-1, 1]^2`: x and y of each agent, then x and y of
+    /// each landmark.
+    pub(super) fn scatter(&mut self, draws: &mut Draws) {
+        for place in self.positions.iter_mut().chain(&mut self.landmarks) {
+            *place = dvec2(draws.between(-1.0, 1.0), draws.between(-1.0, 1.0));
+        }
+        self.velocities.fill(DVec2::ZERO);
+    }
+
+    /// What is where.
+    pub(super) fn state(&self, has_goal: bool) -> State {
+        State {
+            positions: self.positions.clone(),
+            velocities: self.velocities.clone(),
+            landmarks: self.landmarks.clone(),
+            goal: has_goal.then_some(self.goal),
+        }
+    }
+
+    /// The distances from each landmark to the agent nearest to it, added up, m.
+    pub(super) fn uncovered(&self) -> f64 {
+        let to_nearest = |landmark: &DVec2| {
+            let squared = self.positions.iter().map(|position| position.distance_squared(*landmark));
+            squared.fold(f64::INFINITY, f64::min).sqrt()
+        };
+        self.landmarks.iter().map(to_nearest).sum()
+    }
+
     /// Puts everything where `state` has it.
     pub(super) fn place(&mut self, state: &State, has_goal: bool) -> Result<()> {
         let State { positions, velocities, landmarks, goal } = state;
@@ -166,17 +188,6 @@ impl Plane {
         self.landmarks.copy_from_slice(landmarks);
         self.goal = goal.unwrap_or(0);
         Ok(())
-    }
-}
-
-impl Plane {
-    /// The distances from each landmark to the agent nearest to it, added up, m.
-    pub(super) fn uncovered(&self) -> f64 {
-        let to_nearest = |landmark: &DVec2| {
-            let squared = self.positions.iter().map(|position| position.distance_squared(*landmark));
-            squared.fold(f64::INFINITY, f64::min).sqrt()
-        };
-        self.landmarks.iter().map(to_nearest).sum()
     }
 }
 

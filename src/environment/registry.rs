@@ -9,8 +9,8 @@ use crate::usage;
 use super::{hear_see, speaker_listener, spread};
 
 /// All families. One line each, and a file.
-pub(super) static FAMILIES: [&Family; 4] =
-    [&hear_see::FAMILY, &speaker_listener::FAMILY, &spread::XY, &spread::BLINDFOLD];
+pub(super) static FAMILIES: &[&Family] =
+    &[&hear_see::FAMILY, &speaker_listener::FAMILY, &spread::XY, &spread::BLINDFOLD];
 
 /// Tasks that play by the same rules.
 #[derive(Debug)]
@@ -60,16 +60,17 @@ pub(super) fn find(name: &str) -> Result<(&'static Family, String, usize)> {
         }
     }
     let lower = name.to_ascii_lowercase();
-    for family in FAMILIES {
-        let any = family.any_size.as_ref();
-        if let Some((any, size)) = any.and_then(|any| Some((any, lower.strip_prefix(any.prefix)?))) {
-            return match size.parse() {
-                Ok(n @ 1..=MAX_AGENTS) if n % any.group == 0 => Ok((family, format!("{}{n}", any.prefix), n)),
-                _ => Err(usage!("`{size}` is no team size for {}N: N {}", any.prefix, any.allowed())),
-            };
-        }
+    let sized = |family: &&'static Family| {
+        let any = family.any_size.as_ref()?;
+        Some((*family, any, lower.strip_prefix(any.prefix)?))
+    };
+    // One prefix may begin with another.
+    let longest = FAMILIES.iter().filter_map(sized).max_by_key(|(_, any, _)| any.prefix.len());
+    let (family, any, size) = longest.ok_or_else(|| unknown(name))?;
+    match size.parse() {
+        Ok(n @ 1..=MAX_AGENTS) if n % any.group == 0 => Ok((family, format!("{}{n}", any.prefix), n)),
+        _ => Err(usage!("`{size}` is no team size for {}N: N {}", any.prefix, any.allowed())),
     }
-    Err(unknown(name))
 }
 
 /// The other names of a task.

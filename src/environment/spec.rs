@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::base::rng::Draws;
+
 /// An environment's description of itself, and with it the shape of everything that depends on it.
 ///
 /// The joint observation is the unique parts of all agents in order, then the common part once. The unique
@@ -203,6 +205,18 @@ impl ActionSpace {
         match self {
             ActionSpace::Discrete(_) => 1,
             ActionSpace::Box { low, .. } => low.len(),
+        }
+    }
+
+    /// Writes an action drawn uniformly from the space.
+    pub fn draw(&self, draws: &mut Draws, words: &mut [u32]) {
+        match self {
+            ActionSpace::Discrete(n) => words[0] = draws.below(*n) as u32,
+            ActionSpace::Box { low, high } => {
+                for (word, (low, high)) in words.iter_mut().zip(low.iter().zip(high)) {
+                    *word = (draws.between((*low).into(), (*high).into()) as f32).to_bits();
+                }
+            }
         }
     }
 

@@ -39,15 +39,16 @@ pub(super) fn play(
 /// `Interrupted` if the program was asked to stop.
 pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Result<Vec<f64>> {
     let (spec, mut world) = (task.spec(), task.environment(1));
-    let (mut actions, mut stepped) = (vec![0; spec.n_agents()], Stepped::of(1, spec.n_agents()));
+    let (mut actions, mut stepped) =
+        (vec![0; spec.n_agents() * spec.action_width()], Stepped::of(1, spec.n_agents()));
     let mut play = |episode| {
         signals::check_stop()?;
         world.reset(0, settings.seed, episode)?;
         let mut episode_return = 0.0;
         for step in 0..spec.episode_steps as u64 {
             let mut draws = Draws::new(settings.seed, Purpose::Action, episode, step);
-            for (agent, action) in actions.iter_mut().enumerate() {
-                *action = draws.at(agent, 0).below(spec.available_actions(agent)) as u32;
+            for (agent, action) in actions.chunks_exact_mut(spec.action_width()).enumerate() {
+                spec.agents[agent].actions.draw(draws.at(agent, 0), action);
             }
             world.step(&actions, &[true], &mut stepped)?;
             episode_return += spec.team_reward(&stepped.rewards);

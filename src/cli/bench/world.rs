@@ -118,8 +118,9 @@ impl World {
         self.environment.reset(0, 0, episode)?;
         self.observe()?;
         for _ in 0..self.spec.episode_steps {
-            for (agent, action) in self.actions.iter_mut().enumerate() {
-                *action = draws.below(self.spec.available_actions(agent)) as u32;
+            let actions = self.actions.chunks_exact_mut(self.spec.action_width());
+            for (agent, action) in self.spec.agents.iter().zip(actions) {
+                agent.actions.draw(&mut draws, action);
             }
             self.environment.step(&self.actions, &[true], &mut self.outcome)?;
             episode_return += self.spec.team_reward(&self.outcome.rewards);
