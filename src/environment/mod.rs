@@ -12,6 +12,7 @@ mod hear_see;
 mod physics;
 mod point_mass;
 mod registry;
+mod simple_spread;
 mod speaker_listener;
 mod spec;
 mod spread;
@@ -21,7 +22,7 @@ mod worlds;
 pub use physics::{Body, Physics};
 pub use spec::{About, ActionSpace, AgentSpec, Axis, PaperSetting, Spec, TeamReward, Unit, Value};
 pub use task::Task;
-pub use worlds::{World, Worlds};
+pub use worlds::{Actions, World, Worlds};
 
 use glam::DVec2;
 

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use glam::{DVec2, dvec2};
 
-use super::{End, Physics, Spec, State, World, Worlds};
+use super::{Actions, End, Physics, Spec, State, World, Worlds};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::failed;
@@ -23,7 +23,7 @@ pub(super) trait Rules: Clone + Debug + Send + 'static {
     }
 
     /// What is said with these actions, where somebody speaks.
-    fn message(_actions: &[u32]) -> Option<u32> {
+    fn message(_actions: Actions) -> Option<u32> {
         None
     }
 
@@ -72,9 +72,9 @@ impl<R: Rules> PointMass<R> {
         }
     }
 
-    fn act(&mut self, actions: &[u32]) {
-        for (force, &action) in self.forces.iter_mut().zip(actions) {
-            *force = self.physics.action_force(action);
+    fn act(&mut self, actions: Actions) {
+        for (agent, force) in self.forces.iter_mut().enumerate() {
+            *force = self.physics.action_force(actions.choice(agent));
         }
         self.plane.message = R::message(actions);
     }
@@ -106,7 +106,7 @@ impl<R: Rules> World for PointMass<R> {
     /// One step of 0.1 s: agents act, collide and move, and are paid for where they end up.
     ///
     /// An action that does not exist does nothing: a body gets no force and the speaker stays silent.
-    fn step(&mut self, actions: &[u32], rewards: &mut [f64]) -> Result<End> {
+    fn step(&mut self, actions: Actions, rewards: &mut [f64]) -> Result<End> {
         self.act(actions);
         self.collide();
         self.integrate();
@@ -118,7 +118,7 @@ impl<R: Rules> World for PointMass<R> {
         self.plane.state(R::HAS_GOAL)
     }
 
-    fn set_state(&mut self, state: &State, last_actions: Option<&[u32]>) -> Result<()> {
+    fn set_state(&mut self, state: &State, last_actions: Option<Actions>) -> Result<()> {
         self.plane.place(state, R::HAS_GOAL)?;
         self.plane.message = last_actions.and_then(R::message);
         Ok(())

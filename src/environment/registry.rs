@@ -6,11 +6,18 @@ use crate::base::nearest::did_you_mean;
 use crate::base::rng::MAX_AGENTS;
 use crate::usage;
 
-use super::{hear_see, speaker_listener, spread};
+use super::{hear_see, simple_spread, speaker_listener, spread};
 
 /// All families. One line each, and a file.
-pub(super) static FAMILIES: &[&Family] =
-    &[&hear_see::FAMILY, &speaker_listener::FAMILY, &spread::XY, &spread::BLINDFOLD];
+#[rustfmt::skip]
+pub(super) static FAMILIES: &[&Family] = &[
+    &hear_see::FAMILY,
+    &speaker_listener::FAMILY,
+    &spread::XY,
+    &spread::BLINDFOLD,
+    &simple_spread::DISCRETE,
+    &simple_spread::CONTINUOUS,
+];
 
 /// Tasks that play by the same rules.
 #[derive(Debug)]

@@ -2,7 +2,9 @@
 
 use super::point_mass::{Plane, Rules, worlds, write};
 use super::registry::{Family, named};
-use super::{About, ActionSpace, AgentSpec, Axis, Body, PaperSetting, Physics, Spec, TeamReward, Value};
+use super::{
+    About, ActionSpace, Actions, AgentSpec, Axis, Body, PaperSetting, Physics, Spec, TeamReward, Value,
+};
 use crate::base::rng::Draws;
 
 pub(super) const FAMILY: Family = Family {
@@ -65,8 +67,8 @@ impl Rules for SpeakerListener {
     }
 
     /// What the speaker says with its action; nothing with an action it does not have.
-    fn message(actions: &[u32]) -> Option<u32> {
-        Some(actions[SPEAKER]).filter(|&word| (word as usize) < N_MESSAGES)
+    fn message(actions: Actions) -> Option<u32> {
+        Some(actions.choice(SPEAKER)).filter(|&word| (word as usize) < N_MESSAGES)
     }
 
     /// The speaker observes the colour of the goal; the listener its own velocity, where each landmark lies

@@ -13,8 +13,8 @@ pub trait World: Send {
     /// Writes what `agent` observes now into `out`, zero-padded.
     fn observe(&self, agent: usize, out: &mut [f32]);
 
-    /// One step with the agents' actions, `[agents, width]`: writes what each agent earned.
-    fn step(&mut self, actions: &[u32], rewards: &mut [f64]) -> Result<End>;
+    /// One step with the agents' actions: writes what each agent earned.
+    fn step(&mut self, actions: Actions, rewards: &mut [f64]) -> Result<End>;
 
     /// What can be said of its state.
     fn state(&self) -> State {
@@ -22,8 +22,8 @@ pub trait World: Send {
     }
 
     /// Puts it into a given state, as if just reset there. What is still heard of the step before follows from
-    /// its actions, `[agents, width]`, if there was one.
-    fn set_state(&mut self, state: &State, last_actions: Option<&[u32]>) -> Result<()>;
+    /// its actions, if there was one.
+    fn set_state(&mut self, state: &State, last_actions: Option<Actions>) -> Result<()>;
 
     /// Where the agents are, m; none where they have no places.
     fn positions(&self) -> &[DVec2] {
@@ -35,15 +35,43 @@ pub trait World: Send {
 pub struct Worlds<W> {
     spec: Spec,
     worlds: Vec<W>,
-    /// Of one world, `[agents, width]`.
-    actions: Vec<u32>,
+    /// Words of an action.
+    width: usize,
+}
+
+/// What the agents of one world do.
+#[derive(Clone, Copy, Debug)]
+pub struct Actions<'a> {
+    /// Those of all worlds, `[agents, worlds, width]`.
+    words: &'a [u32],
+    worlds: usize,
+    world: usize,
+    width: usize,
+}
+
+impl<'a> Actions<'a> {
+    /// Those of a single world, `[agents, width]`.
+    pub fn of_one_world(words: &'a [u32], width: usize) -> Actions<'a> {
+        Actions { words, worlds: 1, world: 0, width }
+    }
+
+    /// The words of what an agent does.
+    pub fn of(&self, agent: usize) -> &'a [u32] {
+        let at = (agent * self.worlds + self.world) * self.width;
+        &self.words[at..at + self.width]
+    }
+
+    /// The number of its discrete action.
+    pub fn choice(&self, agent: usize) -> u32 {
+        self.words[(agent * self.worlds + self.world) * self.width]
+    }
 }
 
 impl<W: World> Worlds<W> {
     /// So many worlds of the environment that `spec` describes, each made by `make`.
     pub fn new(spec: Spec, worlds: usize, make: impl Fn(&Spec) -> W) -> Worlds<W> {
         let worlds = (0..worlds).map(|_| make(&spec)).collect();
-        Worlds { actions: vec![0; spec.n_agents() * spec.action_width()], spec, worlds }
+        Worlds { width: spec.action_width(), spec, worlds }
     }
 }
 
@@ -61,21 +89,26 @@ impl<W: World> Environment for Worlds<W> {
     }
 
     fn observe(&mut self, worlds: usize, out: &mut [f32]) -> Result<()> {
-        let observations = out.chunks_exact_mut(self.spec.padded_obs_dim());
-        for (row, observation) in observations.enumerate() {
-            self.worlds[row % worlds].observe(row / worlds, observation);
+        let length = self.spec.padded_obs_dim();
+        let mut rest = out;
+        for agent in 0..self.spec.n_agents() {
+            for world in &self.worlds[..worlds] {
+                let observation;
+                (observation, rest) = rest.split_at_mut(length);
+                world.observe(agent, observation);
+            }
         }
         Ok(())
     }
 
     fn step(&mut self, actions: &[u32], playing: &[bool], outcome: &mut Outcome) -> Result<()> {
-        let (agents, width) = (self.spec.n_agents(), self.spec.action_width());
-        let rewards = outcome.rewards.chunks_exact_mut(agents).zip(&mut outcome.ends);
-        for (at, (rewards, end)) in rewards.enumerate().filter(|(world, _)| playing[*world]) {
-            for (agent, own) in self.actions.chunks_exact_mut(width).enumerate() {
-                own.copy_from_slice(&actions[(agent * playing.len() + at) * width..][..width]);
+        let (agents, width, worlds) = (self.spec.n_agents(), self.width, playing.len());
+        for (at, world) in self.worlds[..worlds].iter_mut().enumerate() {
+            if playing[at] {
+                let actions = Actions { words: actions, worlds, world: at, width };
+                let rewards = &mut outcome.rewards[at * agents..(at + 1) * agents];
+                outcome.ends[at] = world.step(actions, rewards)?;
             }
-            *end = self.worlds[at].step(&self.actions, rewards)?;
         }
         Ok(())
     }
@@ -85,6 +118,7 @@ impl<W: World> Environment for Worlds<W> {
     }
 
     fn set_state(&mut self, world: usize, state: &State, last_actions: Option<&[u32]>) -> Result<()> {
+        let last_actions = last_actions.map(|words| Actions::of_one_world(words, self.width));
         self.worlds[world].set_state(state, last_actions)
     }
 
