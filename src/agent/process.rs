@@ -17,7 +17,7 @@ const OPEN_DEADLINE: Duration = Duration::from_secs(5);
 /// What the supervisor tells an agent process at its start.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ProcessSettings {
-    /// The swarm it belongs to.
+    /// The swarm it belongs to. It comes first: by that a program knows what it was started for.
     pub address: SwarmAddress,
     /// Which agent it is.
     pub agent: usize,

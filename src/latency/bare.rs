@@ -10,7 +10,7 @@ use super::pin::Pinned;
 use super::plain::{Listener, Notifier, PlainNode, Publisher, Subscriber};
 use crate::base::error::Result;
 use crate::bus::{SwarmDirectory, Wait};
-use crate::supervisor::{Children, signals};
+use crate::supervisor::{AgentCommand, Children, signals};
 
 /// A supervisor and its agents. A tick is: each agent's sensor out, everybody's observation in, all woken, everybody's
 /// action in.
@@ -68,8 +68,13 @@ impl BareTeam {
     pub fn start(agents: usize, payload: usize, wait: Wait) -> Result<BareTeam> {
         let directory = SwarmDirectory::create()?;
         let ports = SupervisorPorts::new(directory.tag(), agents, payload)?;
-        let mut team =
-            BareTeam { ports, agents: Children::new(|| ())?, wait, tick: 0, _directory: directory };
+        let mut team = BareTeam {
+            ports,
+            agents: Children::new(AgentCommand::this_program()?, || ())?,
+            wait,
+            tick: 0,
+            _directory: directory,
+        };
         for agent in 0..agents {
             let tag = team._directory.tag().to_owned();
             let settings = PeerSettings::new(wait, Role::Bare(BareAgent { tag, agent, agents, payload }));

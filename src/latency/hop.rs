@@ -22,7 +22,7 @@ use crate::base::error::Result;
 use crate::bus::now_ns;
 use crate::bus::{SwarmDirectory, Wait};
 use crate::failed;
-use crate::supervisor::{Children, signals};
+use crate::supervisor::{AgentCommand, Children, signals};
 
 /// The sizes that messages may have, in bytes; multiples of four.
 pub const PAYLOADS: std::ops::RangeInclusive<usize> = 64..=64 << 10;
@@ -65,7 +65,7 @@ impl Hop {
         let peer = |stdio: [Stdio; 2]| {
             let role = Role::Echo(Echo { medium, payload, tag: tag.to_owned() });
             let name = format!("the peer over {medium}");
-            let mut peer = Children::new(|| ())?;
+            let mut peer = Children::new(AgentCommand::this_program()?, || ())?;
             peer.start(&name, "peer", &PeerSettings::new(wait, role), stdio)?;
             Ok(peer)
         };

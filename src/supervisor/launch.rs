@@ -1,9 +1,9 @@
-//! Processes: started by running this very program again, watched, and always reaped.
+//! Processes: started, watched, and always reaped.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStderr, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -12,43 +12,42 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 use serde::Serialize;
 
+use super::command::AgentCommand;
 use super::watcher::Watcher;
 use crate::base::error::{Error, Result};
 use crate::failed;
 
-/// This program, even if its file has been replaced since it started.
-const SELF: &str = "/proc/self/exe";
-
 /// The processes of a swarm. Dropping them ends and reaps them.
 #[derive(Debug)]
 pub(crate) struct Children {
+    command: AgentCommand,
     processes: Vec<ChildProcess>,
     // Declared last: they are killed when it ends.
     watcher: Watcher,
 }
 
 impl Children {
-    /// None yet. A thread will call `tell` after one has ended.
-    pub(crate) fn new(tell: impl FnMut() + Send + 'static) -> Result<Children> {
-        Ok(Children { processes: Vec::new(), watcher: Watcher::new(tell)? })
+    /// None yet. They will be run by this command, and a thread will call `tell` after one has ended.
+    pub(crate) fn new(command: AgentCommand, tell: impl FnMut() + Send + 'static) -> Result<Children> {
+        Ok(Children { command, processes: Vec::new(), watcher: Watcher::new(tell)? })
     }
 
-    /// Starts a hidden command with these settings. `name` is what it is called in errors.
+    /// Starts one that does `what` with these settings. `name` is what it is called in errors.
     pub(crate) fn start(
         &mut self,
         name: &str,
-        command: &str,
+        what: &str,
         settings: &impl Serialize,
         [stdin, stdout]: [Stdio; 2],
     ) -> Result<()> {
         let json =
             serde_json::to_string(settings).expect("paths in settings are a swarm's own, which are text");
-        let mut process = Command::new(SELF);
+        let mut command = self.command.command(what, &json);
         // A group of its own: Ctrl-C reaches the supervisor alone, which takes its processes down in order.
-        process.arg0("vamaro-swarm").args([command, &json]).process_group(0);
-        process.stdin(stdin).stdout(stdout).stderr(Stdio::piped());
+        command.process_group(0);
+        command.stdin(stdin).stdout(stdout).stderr(Stdio::piped());
         let (mut child, pidfd) =
-            self.watcher.start(process).map_err(|e| failed!("cannot start {name}: {e}"))?;
+            self.watcher.start(command).map_err(|e| failed!("cannot start {name}: {e}"))?;
         let stderr = child.stderr.take().expect("stderr is piped");
         let name = name.to_owned();
         let passed_on = name.clone();

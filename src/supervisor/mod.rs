@@ -5,6 +5,7 @@
 
 mod audit;
 mod clock;
+mod command;
 mod deadlines;
 mod in_process;
 mod launch;
@@ -21,6 +22,7 @@ mod statistics;
 mod watcher;
 
 pub use audit::Audit;
+pub use command::AgentCommand;
 pub use deadlines::Deadlines;
 pub use in_process::InProcess;
 pub(crate) use launch::Children;

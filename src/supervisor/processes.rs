@@ -4,6 +4,7 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use super::clock::{Clock, Period};
+use super::command::AgentCommand;
 use super::deadlines::Deadlines;
 use super::launch::Children;
 use super::needs::{allow_open_files, check_shared_memory, share_weights};
@@ -45,7 +46,7 @@ pub struct Processes {
 }
 
 /// How the processes of a swarm run. Only waiting is said by a [`Wait`] alone.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Conduct {
     /// How they wait.
     pub wait: Wait,
@@ -56,6 +57,9 @@ pub struct Conduct {
     pub scheduling: Scheduling,
     /// How long each may take for what.
     pub deadlines: Deadlines,
+    /// The program to run for an agent; `None` for this very program, which must have called
+    /// [`run_if_agent`](crate::run_if_agent).
+    pub command: Option<AgentCommand>,
 }
 
 impl From<Wait> for Conduct {
@@ -72,7 +76,8 @@ impl Processes {
         policy: &Policy,
         conduct: impl Into<Conduct>,
     ) -> Result<Processes> {
-        let Conduct { wait, rate, scheduling, deadlines } = conduct.into();
+        let Conduct { wait, rate, scheduling, deadlines, command } = conduct.into();
+        let command = command.map_or_else(AgentCommand::this_program, Ok)?;
         let (spec, layout) = (settings.spec.clone(), settings.layout());
         let team = spec.n_agents();
         let directory = SwarmDirectory::create()?;
@@ -89,7 +94,7 @@ impl Processes {
         allow_open_files(team)?;
         let mut swarm = Processes {
             spec,
-            agents: Children::new(waker(&address))?,
+            agents: Children::new(command, waker(&address))?,
             port: SupervisorPort::create(&address, &layout)?,
             identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
             layout,

@@ -153,6 +153,8 @@ impl<T: FnMut()> Watch<T> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{Read, Write};
+    use std::os::unix::process::{CommandExt, ExitStatusExt};
     use std::process::Stdio;
     use std::time::Duration;
 
@@ -191,6 +193,32 @@ mod tests {
         drop(other.stdin.take());
         others_told.recv_timeout(LONG).unwrap();
         assert!(others.take_ended() && other.wait().unwrap().success());
+    }
+
+    #[test]
+    fn processes_outlive_the_thread_that_wanted_them_and_not_the_watcher() {
+        let start = || {
+            let mut command = cat();
+            command.stdout(Stdio::piped());
+            let tie = || Ok(rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?);
+            // SAFETY: it makes one system call.
+            unsafe { command.pre_exec(tie) };
+            let (watcher, _told) = watcher();
+            let (child, _) = watcher.start(command).unwrap();
+            (watcher, child, rustix::thread::gettid())
+        };
+        let (watcher, mut child, thread) = std::thread::spawn(start).join().unwrap();
+        // It is joined a little before it has ended.
+        while std::fs::exists(format!("/proc/self/task/{}", thread.as_raw_nonzero())).unwrap() {
+            std::thread::yield_now();
+        }
+        let (mut to, mut from) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+        to.write_all(b"alive").unwrap();
+        let mut answer = [0; 5];
+        from.read_exact(&mut answer).unwrap();
+        assert_eq!(&answer, b"alive");
+        drop(watcher);
+        assert_eq!(child.wait().unwrap().signal(), Some(Signal::KILL.as_raw()));
     }
 
     #[test]
