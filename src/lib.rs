@@ -30,6 +30,8 @@
 
 #![warn(clippy::unwrap_used)]
 
+mod embed;
+
 pub mod agent;
 pub mod base;
 pub mod bus;
@@ -45,3 +47,5 @@ pub mod recording;
 pub mod supervisor;
 pub mod train;
 pub mod verify;
+
+pub use embed::run_if_agent;

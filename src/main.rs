@@ -7,6 +7,7 @@ use clap::Parser;
 use vamaro_swarm::cli::Cli;
 
 fn main() -> ExitCode {
+    vamaro_swarm::run_if_agent();
     match Cli::parse().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

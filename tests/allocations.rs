@@ -18,7 +18,7 @@ use vamaro_swarm::environment::{Outcome, Task};
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
-    Audit, Conduct, Decisions, InProcess, Ledger, Processes, Session, Stage, Team, Tick, signals,
+    Audit, Conduct, Decisions, InProcess, Ledger, Processes, Session, Stage, Team, Tick,
 };
 use vamaro_swarm::train::{self, Batch, Settings};
 
@@ -197,7 +197,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
 /// Not a test: what the agents of the one below run. No test may have its name as a part of its own.
 #[test]
 fn agent() {
-    common::run_agent();
+    vamaro_swarm::run_if_agent();
 }
 
 /// A team that notes how many allocations there have been when a tick of it begins and when it ends.
@@ -223,7 +223,6 @@ impl Team for Counted<'_> {
 #[test]
 fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
     const EPISODES: usize = 12;
-    signals::install().unwrap();
     for (wait, rate) in [(Wait::Block, None), (Wait::Spin, None), (Wait::Block, Some(2000.0))] {
         let task = Task::parse("spread-xy-4").unwrap();
         let imputer = ImputerName::Predictor("value-aware".to_owned());
@@ -234,9 +233,9 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
             ..AgentSettings::of(task.spec())
         };
         let policy = Policy::untrained(&dims(task.spec()), 1, Networks::paper(ActorKind::Mlp)).unwrap();
-        let conduct = Conduct { wait, rate, ..Conduct::default() };
+        let conduct = Conduct { wait, rate, command: common::this_binary(), ..Conduct::default() };
         let mut ticks = Vec::with_capacity(EPISODES * EPISODE_STEPS);
-        let team = Processes::start(&settings, &policy, conduct).unwrap();
+        let team = Processes::start(&settings, &policy, conduct.clone()).unwrap();
         let links = LinkModel::new(Links::Level(0.5), 1, true);
         let mut session = Session::new(task.environment(settings.worlds), links, 1);
         let (mut ledger, mut audit) = (Ledger::default(), Audit::default());

@@ -5,19 +5,16 @@
 
 mod common;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
-use common::{assert_gone, children, settings_of};
-use rustix::process::{Pid, Signal, kill_process};
+use common::{assert_gone, swarm_of};
+use rustix::process::{Signal, kill_process};
 use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
-use vamaro_swarm::bus::Wait;
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::{LinkModel, Links};
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
 use vamaro_swarm::recording::{Episode, Header, Recording};
 use vamaro_swarm::supervisor::{
-    Decisions, InProcess, Processes, Recorder, Session, Stage, Team, Tick, signals,
+    Conduct, Decisions, InProcess, Processes, Recorder, Session, Stage, Team, Tick,
 };
 use vamaro_swarm::train::{Batch, Rollout};
 
@@ -30,14 +27,12 @@ const SEED: u64 = 4;
 /// would run them too.
 #[test]
 fn agent() {
-    common::run_agent();
+    vamaro_swarm::run_if_agent();
 }
 
-/// One swarm at a time: whose child has ended is noticed by whoever looks first.
-fn alone() -> MutexGuard<'static, ()> {
-    static ONE_SWARM: Mutex<()> = Mutex::new(());
-    signals::install().unwrap();
-    ONE_SWARM.lock().unwrap_or_else(PoisonError::into_inner)
+/// How swarms of this binary run.
+fn conduct() -> Conduct {
+    Conduct { command: common::this_binary(), ..Conduct::default() }
 }
 
 /// A team whose logits are listened to.
@@ -118,7 +113,7 @@ impl Case {
     }
 
     fn processes(&self, worlds: usize, seed: u64) -> Processes {
-        Processes::start(&self.settings(worlds), &self.policy(seed), Wait::Block).unwrap()
+        Processes::start(&self.settings(worlds), &self.policy(seed), conduct()).unwrap()
     }
 
     fn in_process(&self, worlds: usize, seed: u64) -> InProcess {
@@ -153,7 +148,6 @@ fn play(case: &Case, team: impl Team, worlds: usize) -> (Vec<Vec<u32>>, Vec<f64>
 
 #[test]
 fn processes_play_the_same_bits_through_renewals() {
-    let _alone = alone();
     for (case, worlds) in Case::all().iter().zip([1, 2, 10, 3, 7, 10, 1, 4]) {
         let expected = play(case, case.in_process(worlds, 0), worlds);
         let found = play(case, case.processes(worlds, 0), worlds);
@@ -181,7 +175,6 @@ fn renewed<T: Team>(case: &Case, mut team: T) -> T {
 
 #[test]
 fn a_renewed_team_is_one_that_started_with_the_weights() {
-    let _alone = alone();
     for case in Case::all() {
         let [old, new] = [0, 1].map(|seed| decide(&case, case.in_process(2, seed)));
         assert!(old.0 != new.0, "other weights make other logits");
@@ -192,7 +185,6 @@ fn a_renewed_team_is_one_that_started_with_the_weights() {
 
 #[test]
 fn weights_are_in_force_from_the_next_episode_on() {
-    let _alone = alone();
     let case = Case::new("spread-blindfold", ActorKind::Gru, Sharing::Separate, 0.5);
     let expected = renew_before(EPISODE_STEPS, &case, case.in_process(1, 0));
     assert!(renew_before(10, &case, case.in_process(1, 0)) == expected);
@@ -299,7 +291,6 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
 
 #[test]
 fn what_cannot_be_weights_is_refused() {
-    let _alone = alone();
     let case = Case::new("hear-see", ActorKind::Mlp, Sharing::Separate, 1.0);
     let weights = case.weights(1);
     let mut processes = case.processes(2, 0);
@@ -317,7 +308,7 @@ fn what_cannot_be_weights_is_refused() {
     let file = folder.path().join("policy.safetensors");
     policy.save(&file).unwrap();
     let settings = AgentSettings { policy: PolicySource::File(file), ..case.settings(1) };
-    let mut frozen = Processes::start(&settings, &policy, Wait::Block).unwrap();
+    let mut frozen = Processes::start(&settings, &policy, conduct()).unwrap();
     assert_refused(&mut frozen, &weights, "frozen");
 }
 
@@ -328,10 +319,9 @@ fn assert_refused(team: &mut impl Team, weights: &[f32], saying: &str) {
 
 #[test]
 fn a_killed_process_ends_a_rollout_with_its_name_and_leaves_nothing() {
-    let _alone = alone();
     let case = Case::new("spread-xy-4", ActorKind::Gru, Sharing::Separate, 0.5);
     let mut team = case.processes(2, 0);
-    let (agents, tag) = of_the_swarm();
+    let (agents, tag) = swarm_of(&team);
     let mut rollout = case.rollout(2, 0);
     let mut batch = case.batch(2);
     rollout.collect(&mut team, &mut batch).unwrap();
@@ -345,18 +335,10 @@ fn a_killed_process_ends_a_rollout_with_its_name_and_leaves_nothing() {
 
 #[test]
 fn a_swarm_in_training_leaves_nothing() {
-    let _alone = alone();
     let case = Case::new("hear-see", ActorKind::Mlp, Sharing::Separate, 1.0);
     let team = case.processes(2, 0);
-    let (agents, tag) = of_the_swarm();
+    let (agents, tag) = swarm_of(&team);
     assert!(!common::shared_memory(&tag).is_empty());
     decide(&case, renewed(&case, team));
     assert_gone(&agents, &tag);
-}
-
-/// The agents of the running swarm and its tag.
-fn of_the_swarm() -> (Vec<Pid>, String) {
-    let agents = children(std::process::id());
-    let settings = settings_of(agents[0]).unwrap();
-    (agents, settings["address"]["tag"].as_str().unwrap().to_owned())
 }

@@ -2,21 +2,12 @@
 
 mod common;
 
-use std::time::{Duration, Instant};
-
-use common::{Swarm, fail, succeed};
+use common::{Swarm, fail, status, succeed};
 use rustix::process::{Pid, Signal};
 use serde_json::Value;
 
 /// Steps of an episode of every built-in task.
 const EPISODE_STEPS: usize = 25;
-
-/// A line of `/proc/PID/status`.
-fn status(process: Pid, name: &str) -> String {
-    let text = std::fs::read_to_string(format!("/proc/{}/status", process.as_raw_nonzero())).unwrap();
-    let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':')).unwrap();
-    value.trim().to_owned()
-}
 
 /// The number of the scheduling policy and the real-time priority of a process's first thread.
 fn policy(process: Pid) -> (u32, u32) {
@@ -42,12 +33,7 @@ fn play(words: &str, mut look: impl FnMut(Pid)) -> (String, String) {
     assert!(swarm.first_line().contains("4 agents as processes"), "it plays");
     swarm.agents.iter().copied().chain([swarm.supervisor()]).for_each(&mut look);
     // There is a summary after an episode. An agent sleeps twice a tick, and again only if nothing comes for long.
-    let sleeps = || status(swarm.agents[0], "voluntary_ctxt_switches").parse::<usize>().unwrap();
-    let (before, deadline) = (sleeps(), Instant::now() + Duration::from_secs(30));
-    while sleeps() < before + 4 * EPISODE_STEPS {
-        assert!(Instant::now() < deadline, "it does not play");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    common::await_sleeps(swarm.agents[0], 4 * EPISODE_STEPS);
     swarm.signal_supervisor(Signal::TERM);
     let (code, stdout, stderr) = swarm.wait();
     assert_eq!(code, Some(130), "{stderr}");

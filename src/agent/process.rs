@@ -11,17 +11,13 @@ use crate::base::scheduling::Scheduling;
 use crate::bus::{AgentSharedPort, SwarmAddress, Wait, wait_for_moment, wait_until, wake_on_time};
 use crate::failed;
 
-/// How long an agent waits for its peers before it acts without those that are missing. In lockstep the
-/// supervisor ends the swarm before that, and refuses a decision made without them.
-const PEER_DEADLINE: Duration = Duration::from_secs(60);
-
 /// How long an agent tries to open what its supervisor has created.
 const OPEN_DEADLINE: Duration = Duration::from_secs(5);
 
 /// What the supervisor tells an agent process at its start.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ProcessSettings {
-    /// The swarm it belongs to.
+    /// The swarm it belongs to. It comes first: by that a program knows what it was started for.
     pub address: SwarmAddress,
     /// Which agent it is.
     pub agent: usize,
@@ -29,6 +25,8 @@ pub struct ProcessSettings {
     pub incarnation: u32,
     /// How it waits.
     pub wait: Wait,
+    /// How long it waits for its peers in lockstep before it acts without those that are missing.
+    pub peers: Duration,
     /// What it asks the kernel for.
     pub scheduling: Scheduling,
     /// Process id of the supervisor.
@@ -46,7 +44,7 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     if process.address.real_time {
         wake_on_time();
     }
-    let ProcessSettings { address, agent, incarnation, wait, scheduling, settings, .. } = process;
+    let ProcessSettings { address, agent, incarnation, wait, peers, scheduling, settings, .. } = process;
     let mut agent = Agent::new(settings, *agent)?;
     agent.warm_up();
     let layout = settings.layout();
@@ -59,7 +57,7 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     while next_tick(&mut member, *wait)? {
         member.publish()?;
         match member.deadline_ns() {
-            None => in_lockstep(&mut member, *wait)?,
+            None => in_lockstep(&mut member, *wait, *peers)?,
             Some(_) if !in_real_time(&mut member, *wait)? => return Ok(()),
             Some(_) => {}
         }
@@ -69,9 +67,9 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
 }
 
 /// Decides when all observations are in. The supervisor waits for either.
-fn in_lockstep(member: &mut SharedMember, wait: Wait) -> Result<()> {
+fn in_lockstep(member: &mut SharedMember, wait: Wait, peers: Duration) -> Result<()> {
     wake(member, wait)?;
-    let deadline = Instant::now() + PEER_DEADLINE;
+    let deadline = Instant::now() + peers;
     wait_until(member, wait, deadline, sleep, Member::collect)?;
     member.decide()?;
     wake(member, wait)?;

@@ -27,6 +27,7 @@ pub use local::{LocalHub, LocalPort, LocalSample};
 pub use message::{Decision, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sensor};
 pub(crate) use services::{Role, bus_error, node, service_name};
 pub use services::{SwarmAddress, open_files_needed, shared_memory_needed};
+pub(crate) use shared::wake_supervisor;
 pub use shared::{AgentSharedPort, SharedSample, SupervisorPort};
 pub use wait::{Wait, wait_until};
 

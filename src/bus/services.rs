@@ -96,9 +96,15 @@ impl SwarmAddress {
                 0 => None,
                 _ => Some(self.words(node, "weights", 1, self.agents, role)?),
             },
-            wake_agents: self.event(node, "wake-agents", 1, self.agents, role)?,
-            wake_supervisor: self.event(node, "wake-supervisor", self.agents, 1, role)?,
+            wake_agents: self.event(node, "wake-agents", [1, self.agents], role)?,
+            wake_supervisor: self.supervisors_event(node, role)?,
         })
+    }
+
+    /// The service that wakes the supervisor: it has room for the agents, of whom some may be dead, and for the one that
+    /// notices that.
+    pub(super) fn supervisors_event(&self, node: &Node<ipc::Service>, role: Role) -> Result<Event> {
+        self.event(node, "wake-supervisor", [self.agents + 1, 1], role)
     }
 
     /// The service by which the supervisor speaks to one agent.
@@ -141,8 +147,7 @@ impl SwarmAddress {
         &self,
         node: &Node<ipc::Service>,
         name: &str,
-        notifiers: usize,
-        listeners: usize,
+        [notifiers, listeners]: [usize; 2],
         role: Role,
     ) -> Result<Event> {
         let builder = node.service_builder(&service_name(name)?).event();
@@ -152,7 +157,7 @@ impl SwarmAddress {
             Role::Supervisor => builder
                 .max_notifiers(notifiers)
                 .max_listeners(listeners)
-                .max_nodes(self.agents + 1)
+                .max_nodes(notifiers + listeners)
                 .event_id_max_value(0)
                 .create()
                 .map_err(bus_error(&what)),

@@ -100,6 +100,13 @@ impl SupervisorPort {
     }
 }
 
+/// Wakes the supervisor of the swarm at `address`, from a thread that has no port: by one that is made for that.
+pub(crate) fn wake_supervisor(address: &SwarmAddress) -> Result<()> {
+    let node = address.node(Role::Agent)?;
+    let woken = notifier(&address.supervisors_event(&node, Role::Agent)?)?;
+    woken.notify().map(drop).map_err(bus_error("wake the supervisor"))
+}
+
 /// An agent's side of the bus over shared memory. Opens what the supervisor has created.
 #[derive(Debug)]
 pub struct AgentSharedPort {

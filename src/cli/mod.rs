@@ -23,7 +23,6 @@ use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 
 use crate::agent::PolicySource;
-use crate::agent::process::{self, ProcessSettings};
 use crate::base::error::{Error, Result};
 use crate::base::table::table;
 use crate::latency::peer::{self, PeerSettings};
@@ -113,9 +112,10 @@ impl Cli {
                 print(&String::from_utf8_lossy(&script))
             }
             Command::Agent { settings } => {
-                let settings: ProcessSettings = serde_json::from_str(&settings)
-                    .map_err(|e| usage!("`agent` is for the supervisor, not for the command line: {e}"))?;
-                process::run(&settings)
+                // Who was started for it has not come here.
+                Err(usage!(
+                    "`agent` is for the supervisor, not for the command line: {settings} are no settings"
+                ))
             }
             Command::Peer { settings } => {
                 let settings: PeerSettings = serde_json::from_str(&settings)

@@ -165,7 +165,7 @@ impl Spawn {
         let (statistics, audit) = if self.in_process {
             self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder)?
         } else {
-            let conduct = Conduct { wait: self.wait, rate: self.rate, scheduling };
+            let conduct = Conduct { wait: self.wait, rate: self.rate, scheduling, ..Conduct::default() };
             let mut team = Processes::start(&settings, &policy, conduct)?;
             summary.scheduling = team.grants().cloned();
             if self.wait == Wait::Spin && task.spec().n_agents() >= cores() {

@@ -5,18 +5,18 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use super::peer::{PeerSettings, Role, await_state};
+use super::peer::{LEAVE_DEADLINE, PeerSettings, Role, await_state};
 use super::pin::Pinned;
 use super::plain::{Listener, Notifier, PlainNode, Publisher, Subscriber};
 use crate::base::error::Result;
 use crate::bus::{SwarmDirectory, Wait};
-use crate::supervisor::{ChildProcess, reap, signals};
+use crate::supervisor::{AgentCommand, Children, signals};
 
 /// A supervisor and its agents. A tick is: each agent's sensor out, everybody's observation in, all woken, everybody's
 /// action in.
 pub struct BareTeam {
     ports: SupervisorPorts,
-    agents: Vec<ChildProcess>,
+    agents: Children,
     wait: Wait,
     tick: u64,
     // Declared last: all else in it goes first.
@@ -68,12 +68,18 @@ impl BareTeam {
     pub fn start(agents: usize, payload: usize, wait: Wait) -> Result<BareTeam> {
         let directory = SwarmDirectory::create()?;
         let ports = SupervisorPorts::new(directory.tag(), agents, payload)?;
-        let mut team = BareTeam { ports, agents: Vec::new(), wait, tick: 0, _directory: directory };
+        let mut team = BareTeam {
+            ports,
+            agents: Children::new(AgentCommand::this_program()?, || ())?,
+            wait,
+            tick: 0,
+            _directory: directory,
+        };
         for agent in 0..agents {
             let tag = team._directory.tag().to_owned();
             let settings = PeerSettings::new(wait, Role::Bare(BareAgent { tag, agent, agents, payload }));
             let (name, stdio) = (format!("agent-{agent}"), [Stdio::null(), Stdio::null()]);
-            team.agents.push(ChildProcess::start(&name, "peer", &settings, stdio)?);
+            team.agents.start(&name, "peer", &settings, stdio)?;
         }
         team.await_all(SupervisorPorts::take_actions)?;
         Ok(team)
@@ -94,7 +100,7 @@ impl BareTeam {
     /// Ticks for so long, at least ten times, after a tenth of it to warm up, and tells `each` how long those after
     /// that took. Each process has a core of its own where there are enough.
     pub fn play(&mut self, longest: Duration, mut each: impl FnMut(Duration)) -> Result<()> {
-        let processes: Vec<u32> = self.agents.iter().map(ChildProcess::id).collect();
+        let processes: Vec<u32> = self.agents.ids().collect();
         let _pinned = Pinned::new(&processes);
         super::repeat(longest, |counts| {
             let elapsed = self.tick()?;
@@ -135,7 +141,7 @@ impl BareTeam {
                 Ok(ports.answered == all)
             },
             |_| {
-                agents.iter_mut().try_for_each(ChildProcess::check_alive)?;
+                agents.check_alive()?;
                 signals::check_stop()
             },
         )
@@ -146,7 +152,7 @@ impl Drop for BareTeam {
     fn drop(&mut self) {
         // An agent that cannot be told is ended.
         let _ = self.send_sensors(LEAVE);
-        reap(&mut self.agents);
+        self.agents.reap(LEAVE_DEADLINE);
     }
 }
 

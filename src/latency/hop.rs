@@ -12,7 +12,7 @@ use super::bus::BusEnd;
 use super::futex::FutexEnd;
 use super::kernel::KernelEnd;
 use super::message::{self, Received, Took};
-use super::peer::{PeerSettings, Role, await_state};
+use super::peer::{LEAVE_DEADLINE, PeerSettings, Role, await_state};
 use super::pin::Pinned;
 use super::plain::PlainEnd;
 use super::repeat;
@@ -22,7 +22,7 @@ use crate::base::error::Result;
 use crate::bus::now_ns;
 use crate::bus::{SwarmDirectory, Wait};
 use crate::failed;
-use crate::supervisor::{ChildProcess, reap, signals};
+use crate::supervisor::{AgentCommand, Children, signals};
 
 /// The sizes that messages may have, in bytes; multiples of four.
 pub const PAYLOADS: std::ops::RangeInclusive<usize> = 64..=64 << 10;
@@ -65,7 +65,9 @@ impl Hop {
         let peer = |stdio: [Stdio; 2]| {
             let role = Role::Echo(Echo { medium, payload, tag: tag.to_owned() });
             let name = format!("the peer over {medium}");
-            ChildProcess::start(&name, "peer", &PeerSettings::new(wait, role), stdio)
+            let mut peer = Children::new(AgentCommand::this_program()?, || ())?;
+            peer.start(&name, "peer", &PeerSettings::new(wait, role), stdio)?;
+            Ok(peer)
         };
         let nothing = || [Stdio::null(), Stdio::null()];
         let mut measured = Hop {
@@ -97,8 +99,8 @@ impl Hop {
         Ok(measured)
     }
 
-    fn exchange(&mut self, mut end: impl Transport, mut peer: ChildProcess, longest: Duration) -> Result<()> {
-        let pinned = Pinned::new(&[peer.id()]);
+    fn exchange(&mut self, mut end: impl Transport, mut peer: Children, longest: Duration) -> Result<()> {
+        let pinned = Pinned::new(&peer.ids().collect::<Vec<u32>>());
         self.pinned = pinned.is_some();
         // The peer speaks first: then it is there.
         let mut last = self.receive(&mut end, &mut peer, 0)?;
@@ -116,11 +118,11 @@ impl Hop {
             Ok(())
         })?;
         send(&mut end, LEAVE, Took::default())?;
-        reap(&mut vec![peer]);
+        peer.reap(LEAVE_DEADLINE);
         Ok(())
     }
 
-    fn receive(&self, end: &mut impl Transport, peer: &mut ChildProcess, number: u64) -> Result<Received> {
+    fn receive(&self, end: &mut impl Transport, peer: &mut Children, number: u64) -> Result<Received> {
         let received = receive(end, self.wait, || {
             peer.check_alive()?;
             signals::check_stop()

@@ -15,6 +15,9 @@ use crate::failed;
 /// How long the other side may take for anything before it counts as hung.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 
+/// How long a peer that was told to leave may take.
+pub(super) const LEAVE_DEADLINE: Duration = Duration::from_secs(2);
+
 /// How often a waiting process looks whether waiting still makes sense.
 const LOOK: Duration = Duration::from_millis(100);
 

@@ -1,60 +1,99 @@
-//! Processes: started by running this very program again, watched, and always reaped.
+//! Processes: started, watched, and always reaped.
 
 use std::io::{BufRead, BufReader, Write};
+use std::os::fd::OwnedFd;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStderr, ExitStatus, Stdio};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Signal, pidfd_send_signal};
 use serde::Serialize;
 
+use super::command::AgentCommand;
+use super::watcher::Watcher;
 use crate::base::error::{Error, Result};
 use crate::failed;
 
-/// This program, even if its file has been replaced since it started.
-const SELF: &str = "/proc/self/exe";
-
-/// How long a process that was told to leave may take.
-const LEAVE_DEADLINE: Duration = Duration::from_secs(2);
-
-/// A running process of this program. Dropping it ends and reaps the process.
+/// The processes of a swarm. Dropping them ends and reaps them.
 #[derive(Debug)]
-pub(crate) struct ChildProcess {
+pub(crate) struct Children {
+    command: AgentCommand,
+    processes: Vec<ChildProcess>,
+    // Declared last: they are killed when it ends.
+    watcher: Watcher,
+}
+
+impl Children {
+    /// None yet. They will be run by this command, and a thread will call `tell` after one has ended.
+    pub(crate) fn new(command: AgentCommand, tell: impl FnMut() + Send + 'static) -> Result<Children> {
+        Ok(Children { command, processes: Vec::new(), watcher: Watcher::new(tell)? })
+    }
+
+    /// Starts one that does `what` with these settings. `name` is what it is called in errors.
+    pub(crate) fn start(
+        &mut self,
+        name: &str,
+        what: &str,
+        settings: &impl Serialize,
+        [stdin, stdout]: [Stdio; 2],
+    ) -> Result<()> {
+        let json =
+            serde_json::to_string(settings).expect("paths in settings are a swarm's own, which are text");
+        let mut command = self.command.command(what, &json);
+        // A group of its own: Ctrl-C reaches the supervisor alone, which takes its processes down in order.
+        command.process_group(0);
+        command.stdin(stdin).stdout(stdout).stderr(Stdio::piped());
+        let (mut child, pidfd) =
+            self.watcher.start(command).map_err(|e| failed!("cannot start {name}: {e}"))?;
+        let stderr = child.stderr.take().expect("stderr is piped");
+        let name = name.to_owned();
+        let passed_on = name.clone();
+        let stderr = Some(std::thread::spawn(move || pass_on(&passed_on, stderr)));
+        self.processes.push(ChildProcess { name, child, pidfd, stderr });
+        Ok(())
+    }
+
+    /// How many have been started.
+    pub(crate) fn len(&self) -> usize {
+        self.processes.len()
+    }
+
+    /// Their process ids.
+    pub(crate) fn ids(&self) -> impl Iterator<Item = u32> + '_ {
+        self.processes.iter().map(|process| process.child.id())
+    }
+
+    /// An error if one has ended, with what it said last. As long as none has, this is a look at memory.
+    pub(crate) fn check_alive(&mut self) -> Result<()> {
+        if self.watcher.take_ended() {
+            self.processes.iter_mut().try_for_each(ChildProcess::check_alive)?;
+        }
+        Ok(())
+    }
+
+    /// Lets processes that were told to leave do so within `longest`, and ends those that do not.
+    pub(crate) fn reap(&mut self, longest: Duration) {
+        let deadline = Instant::now() + longest;
+        self.processes.iter().for_each(|process| process.await_end(deadline));
+        self.processes.clear();
+    }
+}
+
+/// A running process. Dropping it ends and reaps it.
+#[derive(Debug)]
+struct ChildProcess {
     name: String,
     child: Child,
+    pidfd: Arc<OwnedFd>,
     /// Passes stderr on; returns its last line.
     stderr: Option<JoinHandle<Option<String>>>,
 }
 
 impl ChildProcess {
-    /// Starts a hidden command with these settings. `name` is what it is called in errors.
-    pub(crate) fn start(
-        name: &str,
-        command: &str,
-        settings: &impl Serialize,
-        [stdin, stdout]: [Stdio; 2],
-    ) -> Result<ChildProcess> {
-        let json =
-            serde_json::to_string(settings).expect("paths in settings are a swarm's own, which are text");
-        let mut process = Command::new(SELF);
-        // A group of its own: Ctrl-C reaches the supervisor alone, which takes its processes down in order.
-        process.arg0("vamaro-swarm").args([command, &json]).process_group(0);
-        process.stdin(stdin).stdout(stdout).stderr(Stdio::piped());
-        let mut child = process.spawn().map_err(|e| failed!("cannot start {name}: {e}"))?;
-        let stderr = child.stderr.take().expect("stderr is piped");
-        let name = name.to_owned();
-        let passed_on = name.clone();
-        let stderr = std::thread::spawn(move || pass_on(&passed_on, stderr));
-        Ok(ChildProcess { name, child, stderr: Some(stderr) })
-    }
-
-    /// Its process id.
-    pub(crate) fn id(&self) -> u32 {
-        self.child.id()
-    }
-
-    /// An error if the process has ended, with what it said last.
-    pub(crate) fn check_alive(&mut self) -> Result<()> {
+    fn check_alive(&mut self) -> Result<()> {
         match self.child.try_wait() {
             Ok(None) => Ok(()),
             Ok(Some(status)) => Err(self.ended(status)),
@@ -62,13 +101,14 @@ impl ChildProcess {
         }
     }
 
-    /// Waits for the process to end by itself until `deadline`; true if it did.
-    fn wait_until(&mut self, deadline: Instant) -> bool {
+    /// Waits for the process to end by itself, until `deadline`.
+    fn await_end(&self, deadline: Instant) {
         loop {
-            match self.child.try_wait() {
-                Ok(Some(_)) => return true,
-                Ok(None) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(1)),
-                _ => return false,
+            let left = deadline.saturating_duration_since(Instant::now());
+            let left = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
+            match poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&left)) {
+                Err(rustix::io::Errno::INTR) => {}
+                _ => return,
             }
         }
     }
@@ -89,22 +129,13 @@ impl ChildProcess {
 
 impl Drop for ChildProcess {
     fn drop(&mut self) {
-        // Harmless for a process that has been reaped already: the library remembers.
-        let _ = self.child.kill();
+        // By pidfd, since a number may be somebody else's by now. Harmless for a process that has been reaped.
+        let _ = pidfd_send_signal(&self.pidfd, Signal::KILL);
         let _ = self.child.wait();
         if let Some(thread) = self.stderr.take() {
             let _ = thread.join();
         }
     }
-}
-
-/// Lets processes that were told to leave do so, and ends those that do not.
-pub(crate) fn reap(processes: &mut Vec<ChildProcess>) {
-    let deadline = Instant::now() + LEAVE_DEADLINE;
-    for process in processes.iter_mut() {
-        process.wait_until(deadline);
-    }
-    processes.clear();
 }
 
 /// Copies a process's stderr to ours, line by line, with its name in front.

@@ -5,6 +5,8 @@
 
 mod audit;
 mod clock;
+mod command;
+mod deadlines;
 mod in_process;
 mod launch;
 mod ledger;
@@ -17,10 +19,13 @@ mod session;
 pub mod signals;
 mod stage;
 mod statistics;
+mod watcher;
 
 pub use audit::Audit;
+pub use command::AgentCommand;
+pub use deadlines::Deadlines;
 pub use in_process::InProcess;
-pub(crate) use launch::{ChildProcess, reap};
+pub(crate) use launch::Children;
 pub use ledger::Ledger;
 pub use observer::Observer;
 pub use processes::{Conduct, Processes};

@@ -4,7 +4,9 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use super::clock::{Clock, Period};
-use super::launch::{ChildProcess, reap};
+use super::command::AgentCommand;
+use super::deadlines::Deadlines;
+use super::launch::Children;
 use super::needs::{allow_open_files, check_shared_memory, share_weights};
 use super::{Decisions, Punctuality, Team, Tick, check_weights, signals};
 use crate::agent::process::ProcessSettings;
@@ -13,23 +15,17 @@ use crate::base::error::Result;
 use crate::base::scheduling::{Granted, Grants, Scheduling, allowed_cores};
 use crate::bus::{
     Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
-    now_ns, wait_for_moment, wait_until, wake_on_time,
+    now_ns, wait_for_moment, wait_until, wake_on_time, wake_supervisor,
 };
 use crate::environment::Spec;
 use crate::failed;
 use crate::nn::Policy;
 
-/// How long the agents may take to start.
-const READY_DEADLINE: Duration = Duration::from_secs(30);
-
-/// How long an agent may take for one phase of a tick before it counts as hung.
-const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
-
 /// A running swarm. Dropping it ends the agents and leaves nothing behind.
 #[derive(Debug)]
 pub struct Processes {
     spec: Spec,
-    agents: Vec<ChildProcess>,
+    agents: Children,
     port: SupervisorPort,
     /// Which swarm it is, and which weights are in force.
     identity: Header,
@@ -37,6 +33,7 @@ pub struct Processes {
     /// The number of weights of the policy.
     policy_weights: usize,
     wait: Wait,
+    deadlines: Deadlines,
     /// That of a team in real time; `None` in lockstep.
     clock: Option<Clock>,
     /// Agents that have done what the current phase waits for, bit by bit.
@@ -49,7 +46,7 @@ pub struct Processes {
 }
 
 /// How the processes of a swarm run. Only waiting is said by a [`Wait`] alone.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Conduct {
     /// How they wait.
     pub wait: Wait,
@@ -58,6 +55,11 @@ pub struct Conduct {
     /// What each asks the kernel for: the agents before they are ready, this process after that. It keeps what it is
     /// granted.
     pub scheduling: Scheduling,
+    /// How long each may take for what.
+    pub deadlines: Deadlines,
+    /// The program to run for an agent; `None` for this very program, which must have called
+    /// [`run_if_agent`](crate::run_if_agent).
+    pub command: Option<AgentCommand>,
 }
 
 impl From<Wait> for Conduct {
@@ -74,7 +76,8 @@ impl Processes {
         policy: &Policy,
         conduct: impl Into<Conduct>,
     ) -> Result<Processes> {
-        let Conduct { wait, rate, scheduling } = conduct.into();
+        let Conduct { wait, rate, scheduling, deadlines, command } = conduct.into();
+        let command = command.map_or_else(AgentCommand::this_program, Ok)?;
         let (spec, layout) = (settings.spec.clone(), settings.layout());
         let team = spec.n_agents();
         let directory = SwarmDirectory::create()?;
@@ -91,12 +94,13 @@ impl Processes {
         allow_open_files(team)?;
         let mut swarm = Processes {
             spec,
-            agents: Vec::with_capacity(team),
+            agents: Children::new(command, waker(&address))?,
             port: SupervisorPort::create(&address, &layout)?,
             identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
             layout,
             policy_weights: policy.n_values(),
             wait,
+            deadlines,
             clock: rate.map(|rate| Clock::new(rate, team)),
             answered: 0,
             granted: vec![Granted::default(); team],
@@ -109,14 +113,15 @@ impl Processes {
                 agent,
                 incarnation: 0,
                 wait,
+                peers: deadlines.peers,
                 scheduling,
                 supervisor: std::process::id() as i32,
                 settings: settings.clone(),
             };
             let (name, nothing) = (format!("agent-{agent}"), || Stdio::null());
-            swarm.agents.push(ChildProcess::start(&name, "agent", &process, [nothing(), nothing()])?);
+            swarm.agents.start(&name, "agent", &process, [nothing(), nothing()])?;
         }
-        swarm.await_all("get ready", READY_DEADLINE, Processes::take_ready)?;
+        swarm.await_all("get ready", deadlines.ready, Processes::take_ready)?;
         if swarm.clock.is_some() {
             wake_on_time();
         }
@@ -129,7 +134,7 @@ impl Processes {
 
     /// The process ids of the agents.
     pub fn process_ids(&self) -> impl Iterator<Item = u32> + '_ {
-        self.agents.iter().map(ChildProcess::id)
+        self.agents.ids()
     }
 
     /// How well a swarm in real time keeps to its clock; `None` in lockstep.
@@ -144,12 +149,11 @@ impl Processes {
 
     /// Everybody waits for everybody.
     fn tick_in_lockstep(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
+        let answer = self.deadlines.answer;
         self.send_sensors(tick, 0)?;
-        self.await_all("publish an observation", ANSWER_DEADLINE, |swarm| {
-            swarm.take_observations(tick, decisions)
-        })?;
+        self.await_all("publish an observation", answer, |swarm| swarm.take_observations(tick, decisions))?;
         self.wake_agents()?;
-        self.await_all("decide", ANSWER_DEADLINE, |swarm| swarm.take_decisions(tick, decisions, u64::MAX))?;
+        self.await_all("decide", answer, |swarm| swarm.take_decisions(tick, decisions, u64::MAX))?;
         decisions.check_nobody_late(tick)
     }
 
@@ -182,9 +186,9 @@ impl Processes {
         while now_ns() < moment_ns {
             wait_for_moment(self.wait, moment_ns);
             signals::check_stop()?;
-            self.check_agents()?;
+            self.agents.check_alive()?;
         }
-        self.check_agents()
+        self.agents.check_alive()
     }
 
     fn send_sensors(&mut self, tick: &Tick, deadline_ns: u64) -> Result<()> {
@@ -224,7 +228,7 @@ impl Processes {
             |swarm, longest| swarm.port.sleep(longest),
             |swarm| {
                 take(swarm)?;
-                swarm.check_agents()?;
+                swarm.agents.check_alive()?;
                 signals::check_stop()?;
                 Ok(swarm.answered == all)
             },
@@ -240,13 +244,6 @@ impl Processes {
     /// All agents, bit by bit.
     fn everybody(&self) -> u64 {
         u64::MAX >> (u64::BITS - self.agents.len() as u32)
-    }
-
-    fn check_agents(&mut self) -> Result<()> {
-        if signals::take_child_ended() {
-            self.agents.iter_mut().try_for_each(ChildProcess::check_alive)?;
-        }
-        Ok(())
     }
 
     fn take_ready(&mut self) -> Result<()> {
@@ -332,6 +329,12 @@ impl Drop for Processes {
             let _ = self.port.send_sensor(agent, header, |_| {});
         }
         let _ = self.port.wake_agents();
-        reap(&mut self.agents);
+        self.agents.reap(self.deadlines.leave);
     }
+}
+
+/// What wakes the supervisor of a swarm when one of its agents has ended. A wake-up that fails is one that is late.
+fn waker(address: &SwarmAddress) -> impl FnMut() + Send + 'static {
+    let address = address.clone();
+    move || drop(wake_supervisor(&address))
 }

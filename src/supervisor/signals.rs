@@ -1,36 +1,27 @@
-//! Signals as flags: somebody asked us to stop, or a child has ended.
+//! Signals as a flag: somebody asked us to stop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
 use crate::base::error::{Error, Result};
 use crate::failed;
 
-#[derive(Debug, Default)]
-struct Flags {
-    stop: Arc<AtomicBool>,
-    child_ended: Arc<AtomicBool>,
-}
+static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-static FLAGS: OnceLock<Flags> = OnceLock::new();
-
-/// Turns SIGINT, SIGTERM, SIGHUP and SIGCHLD into flags from here on. A signal also ends a wait early.
+/// Turns SIGINT, SIGTERM and SIGHUP into a flag from here on. A signal also ends a wait early.
 pub fn install() -> Result<()> {
-    let flags = FLAGS.get_or_init(Flags::default);
-    let handle = |signal, flag: &Arc<AtomicBool>| {
-        flag::register(signal, flag.clone()).map_err(|e| failed!("cannot handle signal {signal}: {e}"))
-    };
+    let stop = STOP.get_or_init(Arc::default);
     let ignored = ignored_signals();
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         // Whoever started us under `nohup` means it.
         if ignored >> (signal - 1) & 1 == 0 {
-            handle(signal, &flags.stop)?;
+            flag::register(signal, stop.clone())
+                .map_err(|e| failed!("cannot handle signal {signal}: {e}"))?;
         }
     }
-    handle(SIGCHLD, &flags.child_ended)?;
     Ok(())
 }
 
@@ -43,15 +34,8 @@ fn ignored_signals() -> u64 {
 
 /// An error if the program was asked to stop.
 pub fn check_stop() -> Result<()> {
-    match FLAGS.get() {
-        Some(flags) if flags.stop.load(Ordering::Relaxed) => Err(Error::Interrupted("interrupted".into())),
+    match STOP.get() {
+        Some(stop) if stop.load(Ordering::Relaxed) => Err(Error::Interrupted("interrupted".into())),
         _ => Ok(()),
     }
-}
-
-/// True once after a child has ended.
-pub(super) fn take_child_ended() -> bool {
-    FLAGS.get().is_some_and(|flags| {
-        flags.child_ended.load(Ordering::Relaxed) && flags.child_ended.swap(false, Ordering::Relaxed)
-    })
 }

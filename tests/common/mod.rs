@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::process::{Pid, Signal, kill_process};
+use vamaro_swarm::supervisor::{AgentCommand, Processes};
 
 /// The program under test.
 pub const PROGRAM: &str = env!("CARGO_BIN_EXE_vamaro-swarm");
@@ -49,16 +50,17 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// What a test named `agent` does in a test binary whose swarms are its own: their supervisor starts that binary again
-/// with the words `agent <settings>`, which have the harness run the tests of this name. Does nothing without settings.
-pub fn run_agent() {
-    let settings = std::env::args().nth(2).and_then(|json| serde_json::from_str(&json).ok());
-    if let Some(settings) = settings
-        && let Err(error) = vamaro_swarm::agent::process::run(&settings)
-    {
-        let _ = writeln!(std::io::stderr(), "error: {error}");
-        std::process::exit(error.exit_code().into());
-    }
+/// The command for agents of a test binary whose swarms are its own: the binary itself, whose harness then runs the test
+/// named `agent`, which is to call `run_if_agent`.
+pub fn this_binary() -> Option<AgentCommand> {
+    Some(AgentCommand::new("/proc/self/exe"))
+}
+
+/// The agents of a swarm of this process, and its tag.
+pub fn swarm_of(team: &Processes) -> (Vec<Pid>, String) {
+    let agents: Vec<Pid> = team.process_ids().filter_map(|id| Pid::from_raw(id as i32)).collect();
+    let settings = settings_of(agents[0]).expect("an agent that is ready has read its settings");
+    (agents, settings["address"]["tag"].as_str().unwrap().to_owned())
 }
 
 /// A file of the test data.
@@ -198,6 +200,23 @@ pub fn assert_gone(agents: &[Pid], tag: &str) {
 pub fn is_running(process: Pid) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.as_raw_nonzero()));
     stat.is_ok_and(|stat| !stat.contains(") Z "))
+}
+
+/// A line of `/proc/PID/status`.
+pub fn status(process: Pid, name: &str) -> String {
+    let text = std::fs::read_to_string(format!("/proc/{}/status", process.as_raw_nonzero())).unwrap();
+    let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':')).unwrap();
+    value.trim().to_owned()
+}
+
+/// Waits until a process has slept so many times from now on.
+pub fn await_sleeps(process: Pid, times: usize) {
+    let sleeps = || status(process, "voluntary_ctxt_switches").parse::<usize>().unwrap();
+    let (before, deadline) = (sleeps(), Instant::now() + Duration::from_secs(30));
+    while sleeps() < before + times {
+        assert!(Instant::now() < deadline, "it does not play");
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// The directory of a swarm.

@@ -1,0 +1,91 @@
+//! Which program is run for an agent.
+
+use std::ffi::OsString;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::base::error::Result;
+use crate::failed;
+
+/// This program, even if its file has been replaced since it started.
+const SELF: &str = "/proc/self/exe";
+
+/// Whether this program has said that it runs an agent when it is started for that.
+static RUNS_AGENTS: AtomicBool = AtomicBool::new(false);
+
+/// The program that is run for an agent. Its last two words are `agent` and the settings, as JSON.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AgentCommand {
+    program: PathBuf,
+    words: Vec<OsString>,
+}
+
+impl AgentCommand {
+    /// A program of one's own, which must do what [`run_if_agent`](crate::run_if_agent) does.
+    pub fn new(program: impl Into<PathBuf>) -> AgentCommand {
+        AgentCommand { program: program.into(), words: Vec::new() }
+    }
+
+    /// Adds a word in front of the last two.
+    pub fn word(mut self, word: impl Into<OsString>) -> AgentCommand {
+        self.words.push(word.into());
+        self
+    }
+
+    /// This very program.
+    ///
+    /// # Errors
+    /// `Failed` if it has not called [`run_if_agent`](crate::run_if_agent): started again, it would do what it does now, which
+    /// is to start agents.
+    pub fn this_program() -> Result<AgentCommand> {
+        if RUNS_AGENTS.load(Ordering::Relaxed) {
+            return Ok(AgentCommand::new(SELF));
+        }
+        Err(failed!(
+            "agents are processes of this program, which does not say that it can be one; call \
+             `vamaro_swarm::run_if_agent` first thing in `main`, or name the program to run for an agent (AgentCommand)"
+        ))
+    }
+
+    /// Notes that this program runs an agent when it is started for that.
+    pub(crate) fn allow_this_program() {
+        RUNS_AGENTS.store(true, Ordering::Relaxed);
+    }
+
+    /// The command that does `what` with these settings.
+    pub(super) fn command(&self, what: &str, settings: &str) -> Command {
+        let mut command = Command::new(&self.program);
+        if self.program.as_os_str() == SELF {
+            command.arg0("vamaro-swarm");
+        }
+        command.args(&self.words).args([what, settings]);
+        command
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::AgentSettings;
+    use crate::bus::Wait;
+    use crate::environment::Task;
+    use crate::supervisor::Processes;
+
+    #[test]
+    fn a_program_that_has_not_said_that_it_can_be_an_agent_starts_none() {
+        // Nothing in this test binary says so.
+        let settings = AgentSettings::of(Task::parse("hear-see").unwrap().spec());
+        let policy = settings.policy.load(&settings.spec).unwrap();
+        let error = Processes::start(&settings, &policy, Wait::Block).unwrap_err().to_string();
+        assert!(error.contains("run_if_agent") && error.contains("first thing in `main`"), "{error}");
+    }
+
+    #[test]
+    fn the_words_of_a_command_come_before_what_an_agent_is_told() {
+        let command = AgentCommand::new("python3").word("-u").word("agent.py").command("agent", "{}");
+        assert_eq!(command.get_program(), "python3");
+        assert_eq!(command.get_args().collect::<Vec<_>>(), ["-u", "agent.py", "agent", "{}"]);
+    }
+}
