@@ -8,7 +8,7 @@ use vamaro_swarm::agent::dims;
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, critic_tensors};
 use vamaro_swarm::train::network::{Kind, Network};
-use vamaro_swarm::train::{Backend, Batch, Parameters, Settings, Team};
+use vamaro_swarm::train::{Backend, Batch, Ends, Parameters, Settings, Team};
 
 /// Steps of an episode of every built-in task.
 const EPISODE_STEPS: usize = 25;
@@ -75,6 +75,7 @@ fn updates(c: &mut Criterion) {
             estimates: Vec::new(),
             actions: (0..rows * n).map(|at| (at % 3) as u8).collect(),
             rewards: numbers(rows),
+            ends: Ends::truncated(EPISODES, EPISODE_STEPS),
         };
         let available: Vec<usize> = (0..n).map(|agent| task.spec().available_actions(agent)).collect();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);

@@ -20,7 +20,7 @@ use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
     Audit, Conduct, Decisions, InProcess, Ledger, Processes, Session, Stage, Team, Tick,
 };
-use vamaro_swarm::train::{self, Batch, Settings};
+use vamaro_swarm::train::{self, Batch, Ends, Settings};
 
 /// Steps of an episode of every built-in task.
 const EPISODE_STEPS: usize = 25;
@@ -297,6 +297,7 @@ fn an_update_allocates_nothing_once_warm() {
             estimates: Vec::new(),
             actions: vec![1; steps * episodes * n],
             rewards: (0..steps * episodes).map(|at| at as f32).collect(),
+            ends: Ends::truncated(episodes, steps),
         };
         let available = vec![5; n];
         let settings = Settings::paper(kind);

@@ -4,6 +4,7 @@ use std::ops::{AddAssign, Range};
 use std::time::Duration;
 
 use super::batch::{Batch, gather};
+use super::ends::blank;
 use super::memory::Buffer;
 use super::network::Network;
 use super::parameters::Parameters;
@@ -30,7 +31,7 @@ pub struct Actor {
     pub(super) busy: Duration,
 }
 
-/// What the actors say of an epoch: means over steps, episodes and agents.
+/// What the actors say of an epoch: means over steps played, episodes and agents.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ActorLosses {
     /// What is minimised: the loss of the policy, minus weighed entropy.
@@ -75,9 +76,10 @@ impl Actor {
         let seen = &seen[..seen.len() / (batch.steps + 1) * batch.steps];
         let width = seen.len() / (batch.steps * batch.episodes * sources);
         gather(seen, sources, width, &self.agents, self.ids, &mut self.x);
+        blank(&mut self.x, batch.steps, batch.episodes, |episode| batch.ends.lengths()[episode]);
     }
 
-    /// One epoch: the gradient of the loss, a mean over the batch's steps, episodes and agents. `advantages` is
+    /// One epoch: the gradient of the loss, a mean over the batch's steps played, episodes and agents. `advantages` is
     /// `[T, E, agents]` as the actions are; `available` says how many actions each agent has. In the `first`
     /// epoch the policy is still the old one.
     pub(super) fn differentiate(
@@ -95,13 +97,18 @@ impl Actor {
         let (old, d) = (self.old.resize(batch.steps * rows), self.d.resize(logits.len()));
         let n_agents = available.len();
         let (clip, entropy_coefficient) = (settings.clip as f32, settings.entropy_coefficient as f32);
-        let entries = batch.actions.len() as f32;
+        let entries = batch.entries(n_agents) as f32;
 
         let (mut losses, share) = (ActorLosses::default(), 1.0 / f64::from(entries));
         for (at, (logits, d)) in logits.chunks_exact(n_actions).zip(d.chunks_exact_mut(n_actions)).enumerate()
         {
             let agent = self.agents.start + at % self.agents.len();
-            let entry = at / self.agents.len() * n_agents + agent;
+            let row = at / self.agents.len();
+            if !batch.ends.played(row / batch.episodes, row % batch.episodes) {
+                d.fill(0.0);
+                continue;
+            }
+            let entry = row * n_agents + agent;
             let (action, advantage) = (usize::from(batch.actions[entry]), advantages[entry]);
 
             // Actions that the agent does not have have probability zero, and so has their derivative.

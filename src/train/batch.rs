@@ -2,15 +2,17 @@
 
 use std::ops::Range;
 
+use super::ends::Ends;
 use super::memory::Buffer;
 use crate::environment::Spec;
 
-/// Episodes of equal length, played side by side. Everything is ordered by time, then episode, then agent.
+/// Episodes played side by side. Everything is ordered by time, then episode, then agent. What stands behind the
+/// end of an episode may be anything, and changes nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Batch {
     /// The number of episodes, E.
     pub episodes: usize,
-    /// The number of steps of each, T.
+    /// The number of steps of the longest, T.
     pub steps: usize,
     /// Padded observations, `[T + 1, E, agents, observation]`; the last ones follow on the last actions.
     pub observations: Vec<f32>,
@@ -22,6 +24,8 @@ pub struct Batch {
     pub actions: Vec<u8>,
     /// The team's reward, `[T, E]`.
     pub rewards: Vec<f32>,
+    /// How each episode ended.
+    pub ends: Ends,
 }
 
 /// Trajectories that a predictor learns from, ordered by time.
@@ -29,17 +33,32 @@ pub struct Batch {
 pub struct Trajectories<'a> {
     /// The number of trajectories.
     pub rows: usize,
-    /// The number of joint observations of each that count. Episodes end with one that does not: that after
+    /// The number of joint observations of the longest that count. Episodes end with one that does not: that after
     /// the last action.
     pub observations: usize,
+    /// The number of those of each.
+    pub lengths: &'a [usize],
     /// Joint observations, `[observations or more, rows, joint]`.
     pub joint: &'a [f32],
+}
+
+impl Trajectories<'_> {
+    /// How many transitions of a trajectory there are to learn from: both of their observations count.
+    pub(super) fn transitions(&self, row: usize) -> usize {
+        self.lengths[row].saturating_sub(1)
+    }
 }
 
 impl Batch {
     /// The episodes as trajectories.
     pub fn trajectories(&self) -> Trajectories<'_> {
-        Trajectories { rows: self.episodes, observations: self.steps, joint: &self.joint }
+        let lengths = self.ends.lengths();
+        Trajectories { rows: self.episodes, observations: self.steps, lengths, joint: &self.joint }
+    }
+
+    /// What means are over: steps played, episodes and agents.
+    pub(super) fn entries(&self, n_agents: usize) -> usize {
+        self.ends.steps_played() * n_agents
     }
 
     /// What actors saw, and how many parts a row of it has: one per agent, or one for all.
@@ -56,6 +75,11 @@ impl Batch {
         assert!(rows > 0, "a batch has episodes with steps");
         assert_eq!(self.actions.len(), rows * n_agents, "actions are not [T, E, agents]");
         assert_eq!(self.rewards.len(), rows, "rewards are not [T, E]");
+        assert_eq!(self.ends.lengths().len(), self.episodes, "ends are not [E]");
+        assert!(
+            self.ends.lengths().iter().all(|length| (1..=self.steps).contains(length)),
+            "an episode has 1 to T steps"
+        );
         let rows = rows + self.episodes;
         assert_eq!(self.joint.len(), rows * joint, "joint observations are not [T + 1, E, joint]");
         assert!(
@@ -82,6 +106,7 @@ impl Batch {
             estimates: vec![0.0; seen * n_agents * spec.joint_dim()],
             actions: vec![0; rows * n_agents],
             rewards: vec![0.0; rows],
+            ends: Ends::truncated(episodes, steps),
         }
     }
 }

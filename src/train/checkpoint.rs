@@ -1,7 +1,9 @@
 //! The checkpoint: everything a run needs in order to go on as if it had never stopped.
 //!
-//! A safetensors file with the tensors of [`Team::state`], what is remembered for replay (`replay.joint`) and,
-//! where updates share episodes, the batch (`batch.*`); its metadata hold the configuration and the counters.
+//! A safetensors file with the tensors of [`Team::state`], what is remembered for replay (`replay.*`) and, where
+//! updates share episodes, the batch (`batch.*`); its metadata hold the configuration and the counters.
+//! Checkpoints from before episodes could end early have no `replay.lengths`, `batch.lengths` and
+//! `batch.terminated`: all their episodes are whole.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -77,13 +79,24 @@ impl State {
         let state = team.state();
         let mut tensors: Vec<(&str, Vec<usize>, &[f32])> =
             state.iter().map(|(name, shape, values)| (&name[..], shape.clone(), *values)).collect();
-        tensors.push(("replay.joint", vec![replay.episodes().len()], replay.episodes()));
-        let actions: Vec<f32> = batch.actions.iter().map(|&action| action.into()).collect();
+        let remembered = floats(replay.lengths().iter().map(|&length| length as f32));
+        let actions = floats(batch.actions.iter().map(|&action| action.into()));
+        let lengths = floats(batch.ends.lengths().iter().map(|&length| length as f32));
+        let terminated =
+            floats(batch.ends.terminated().iter().map(|&terminated| u8::from(terminated).into()));
+        let mut parts = vec![("replay.joint", replay.episodes()), ("replay.lengths", &remembered)];
         if config.update_every < config.batch_episodes {
-            for (name, values) in parts(batch, &actions) {
-                tensors.push((name, vec![values.len()], values));
-            }
+            parts.extend([
+                ("batch.observations", &batch.observations[..]),
+                ("batch.joint", &batch.joint),
+                ("batch.estimates", &batch.estimates),
+                ("batch.actions", &actions),
+                ("batch.rewards", &batch.rewards),
+                ("batch.lengths", &lengths),
+                ("batch.terminated", &terminated),
+            ]);
         }
+        tensors.extend(parts.into_iter().map(|(name, values)| (name, vec![values.len()], values)));
         let tensors: Vec<_> =
             tensors.iter().map(|(name, shape, values)| (*name, &shape[..], *values)).collect();
         write_tensors(path, &metadata, Precision::Full, &tensors)
@@ -99,11 +112,14 @@ impl State {
             |name: &str| tensors.tensor(name).ok().and_then(|t| bytemuck::try_cast_slice(t.data()).ok());
         self.team.restore(find, &checkpoint.counters).map_err(|e| checkpoint.damaged(&e))?;
         let need = |name: &str| find(name).ok_or_else(|| checkpoint.damaged(&format!("{name} is missing")));
-        if !self.replay.restore(need("replay.joint")?) {
-            return Err(checkpoint.damaged("replay.joint has another length"));
+        let lengths = |name: &str| {
+            find(name).map(|values| values.iter().map(|&value| value as usize).collect::<Vec<_>>())
+        };
+        if !self.replay.restore(need("replay.joint")?, lengths("replay.lengths")) {
+            return Err(checkpoint.damaged("replay.joint or replay.lengths does not fit"));
         }
         if config.update_every < config.batch_episodes {
-            let Batch { observations, joint, estimates, actions, rewards, .. } = &mut self.batch;
+            let Batch { steps, observations, joint, estimates, actions, rewards, ends, .. } = &mut self.batch;
             for (name, to) in [
                 ("batch.observations", observations),
                 ("batch.joint", joint),
@@ -112,6 +128,15 @@ impl State {
             ] {
                 copy(need(name)?, to)
                     .ok_or_else(|| checkpoint.damaged(&format!("{name} has another length")))?;
+            }
+            if let Some(lengths) = lengths("batch.lengths") {
+                let terminated = need("batch.terminated")?;
+                let fits = |lengths: &[usize]| lengths.iter().all(|length| (1..=*steps).contains(length));
+                if [lengths.len(), terminated.len()] != [ends.lengths().len(); 2] || !fits(&lengths) {
+                    return Err(checkpoint.damaged("batch.lengths or batch.terminated does not fit"));
+                }
+                let ended = lengths.iter().zip(terminated).enumerate();
+                ended.for_each(|(at, (&length, &terminated))| ends.set(at, length, terminated != 0.0));
             }
             let mut values = vec![0.0; actions.len()];
             copy(need("batch.actions")?, &mut values)
@@ -150,14 +175,8 @@ pub(super) fn available_actions(spec: &Spec) -> Vec<usize> {
     (0..spec.n_agents()).map(|agent| spec.available_actions(agent)).collect()
 }
 
-fn parts<'a>(batch: &'a Batch, actions: &'a [f32]) -> [(&'static str, &'a [f32]); 5] {
-    [
-        ("batch.observations", &batch.observations),
-        ("batch.joint", &batch.joint),
-        ("batch.estimates", &batch.estimates),
-        ("batch.actions", actions),
-        ("batch.rewards", &batch.rewards),
-    ]
+fn floats(values: impl Iterator<Item = f32>) -> Vec<f32> {
+    values.collect()
 }
 
 fn copy(from: &[f32], to: &mut [f32]) -> Option<()> {

@@ -4,6 +4,7 @@ use std::ops::{AddAssign, Range};
 use std::time::Duration;
 
 use super::batch::{Batch, gather};
+use super::ends::blank;
 use super::memory::{Buffer, Flat};
 use super::network::{Kind, Network};
 use super::parameters::Parameters;
@@ -23,7 +24,7 @@ pub struct Critic {
     network: Network,
     x: Buffer,
     returns: Buffer,
-    /// Return minus value, `[T, E, its agents]`.
+    /// Return minus value, `[T, E, its agents]`; zero behind an episode's end.
     pub(super) advantages: Buffer,
     d: Buffer,
     /// Its share of the means over all agents.
@@ -34,7 +35,7 @@ pub struct Critic {
     pub(super) busy: Duration,
 }
 
-/// What the critics say of an epoch: means over steps, episodes and agents.
+/// What the critics say of an epoch: means over steps played, episodes and agents.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CriticLosses {
     /// What is minimised: the square of return minus value.
@@ -94,22 +95,29 @@ impl Critic {
         let width = inputs.len() / ((batch.steps + 1) * batch.episodes * sources);
         gather(inputs, sources, width, &self.agents, self.ids, &mut self.x);
         let rows = batch.episodes * self.agents.len();
+        blank(&mut self.x, batch.steps + 1, batch.episodes, |episode| batch.ends.valued(episode));
         let values = self.network.forward(&self.target, batch.steps + 1, rows, &self.x);
         let to = self.returns.resize(batch.steps * rows);
-        returns(settings.estimator, settings.gamma, rewards, values, self.agents.len(), to);
+        returns(settings.estimator, settings.gamma, rewards, values, &batch.ends, self.agents.len(), to);
+        // What follows on the last action is for the target alone.
+        blank(&mut self.x, batch.steps + 1, batch.episodes, |episode| batch.ends.lengths()[episode]);
     }
 
-    /// One epoch: the advantages, and the gradient of the mean of `(return - value)^2` over all `entries`
-    /// (steps, episodes and agents) of the batch.
-    pub(super) fn differentiate(&mut self, entries: usize) {
-        let rows = self.returns.len();
-        // The inputs after the last action are for the target alone.
+    /// One epoch: the advantages, and the gradient of the mean of `(return - value)^2` over all entries (steps played,
+    /// episodes and agents) of the batch.
+    pub(super) fn differentiate(&mut self, n_agents: usize, batch: &Batch) {
+        let (rows, entries) = (self.returns.len(), batch.entries(n_agents));
         let inputs = self.parameters.specs[0].shape[0];
         let x = &self.x[..rows * inputs];
         let values = self.network.forward(&self.parameters.values, 1, rows, x);
         let (advantages, d) = (self.advantages.resize(rows), self.d.resize(rows));
         let (mut losses, share) = (CriticLosses::default(), 1.0 / entries as f64);
         for (at, (advantage, d)) in advantages.iter_mut().zip(d.iter_mut()).enumerate() {
+            let row = at / self.agents.len();
+            if !batch.ends.played(row / batch.episodes, row % batch.episodes) {
+                (*advantage, *d) = (0.0, 0.0);
+                continue;
+            }
             *advantage = self.returns[at] - values[at];
             *d = -2.0 * *advantage / entries as f32;
             let error = f64::from(*advantage);

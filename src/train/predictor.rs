@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::batch::Trajectories;
+use super::ends::blank;
 use super::memory::{Buffer, Flat};
 use super::network::{Kind, Network};
 use super::parameters::{Parameters, clip_scale};
@@ -20,6 +21,8 @@ pub struct Predictor {
     /// Dims that are never predicted, and so no part of the likelihood.
     held: Vec<usize>,
     network: Network,
+    /// The joint observations, `[steps, rows, joint]`.
+    x: Buffer,
     /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
     weights: Buffer,
     d: Buffer,
@@ -59,6 +62,7 @@ impl Predictor {
             n_agents: dims.n_agents,
             predicted: dims.predicted,
             held: spec.held.clone(),
+            x: Buffer::default(),
             weights: Buffer::default(),
             d: Buffer::default(),
             busy: Duration::ZERO,
@@ -137,27 +141,36 @@ impl Predictor {
 
     /// The loss, the same where everything counts alike, and the gradient.
     fn differentiate(&mut self, trajectories: Trajectories) -> Option<(f64, f64)> {
-        let Trajectories { rows, observations, joint } = trajectories;
+        let Trajectories { rows, observations, joint, .. } = trajectories;
+        let transitions: usize = (0..rows).map(|row| trajectories.transitions(row)).sum();
+        if transitions == 0 {
+            return None;
+        }
+        let steps = observations - 1;
+        blank(&mut self.weights, steps, rows, |row| trajectories.transitions(row));
         let total: f64 = self.weights.iter().map(|&weight| f64::from(weight)).sum();
         if total == 0.0 {
             return None;
         }
-        let steps = observations - 1;
         let width = self.parameters.specs[0].shape[0];
-        let x = &joint[..steps * rows * width];
+        let x = self.x.resize(steps * rows * width);
+        x.copy_from_slice(&joint[..steps * rows * width]);
+        blank(x, steps, rows, |row| trajectories.transitions(row));
         let next = &joint[rows * width..observations * rows * width];
         let Parameters { values, gradient, .. } = &mut self.parameters;
-        let out = self.network.forward(values, steps, rows, x);
+        let out = self.network.forward(values, steps, rows, &self.x);
 
         let d = self.d.resize(out.len());
         d.fill(0.0);
         let (mut loss, mut sum) = (0.0, 0.0);
-        let moves = x.chunks_exact(width).zip(next.chunks_exact(width));
+        let moves = self.x.chunks_exact(width).zip(next.chunks_exact(width));
         let outs = out.chunks_exact(2 * self.predicted).zip(d.chunks_exact_mut(2 * self.predicted));
         let unique = self.predicted / self.n_agents;
-        for (((before, after), (out, d)), weights) in
-            moves.zip(outs).zip(self.weights.chunks_exact(self.n_agents))
-        {
+        let weights = self.weights.chunks_exact(self.n_agents);
+        for (at, (((before, after), (out, d)), weights)) in moves.zip(outs).zip(weights).enumerate() {
+            if at / rows >= trajectories.transitions(at % rows) {
+                continue;
+            }
             let (mean, raw) = out.split_at(self.predicted);
             let (d_mean, d_raw) = d.split_at_mut(self.predicted);
             for dim in (0..self.predicted).filter(|dim| !self.held.contains(dim)) {
@@ -172,8 +185,8 @@ impl Predictor {
                 d_raw[dim] = share as f32 * (1.0 - z * z);
             }
         }
-        self.network.backward(values, steps, rows, x, &self.d, gradient);
-        Some((loss, sum / self.weights.len() as f64))
+        self.network.backward(values, steps, rows, &self.x, &self.d, gradient);
+        Some((loss, sum / (transitions * self.n_agents) as f64))
     }
 }
 

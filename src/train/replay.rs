@@ -1,6 +1,7 @@
 //! Remembered episodes, which MARO learns from.
 
 use super::batch::{Batch, Trajectories};
+use super::ends::blank;
 use super::memory::Buffer;
 use crate::base::rng::{Draws, Purpose};
 
@@ -8,19 +9,35 @@ use crate::base::rng::{Draws, Purpose};
 #[derive(Clone, Debug)]
 pub struct Replay {
     capacity: usize,
-    /// Joint observations of an episode that predictors learn from: all but the one after the last action.
+    /// Joint observations of the longest episode that predictors learn from: all but the one after the last action.
     observations: usize,
     joint: usize,
-    /// `[slots, observations, joint]`; episode e is in slot e modulo the capacity.
+    /// `[slots, observations, joint]`, zero behind an episode's end; episode e is in slot e modulo the capacity.
     episodes: Vec<f32>,
-    /// What was sampled for each step of an update, ordered by time.
-    samples: Vec<Buffer>,
+    /// The steps played in each slot's episode.
+    lengths: Vec<usize>,
+    /// What was sampled for each step of an update.
+    samples: Vec<Sample>,
+}
+
+/// Episodes that were sampled, ordered by time.
+#[derive(Clone, Debug, Default)]
+struct Sample {
+    joint: Buffer,
+    lengths: Vec<usize>,
 }
 
 impl Replay {
     /// Remembers up to `capacity` episodes of `steps` steps; with 0 none.
     pub fn new(capacity: usize, steps: usize, joint: usize) -> Replay {
-        Replay { capacity, observations: steps, joint, episodes: Vec::new(), samples: Vec::new() }
+        Replay {
+            capacity,
+            observations: steps,
+            joint,
+            episodes: Vec::new(),
+            lengths: Vec::new(),
+            samples: Vec::new(),
+        }
     }
 
     /// Remembers the episode numbered `episode`, which is in this column of the batch.
@@ -32,10 +49,13 @@ impl Replay {
         let (joint, length) = (self.joint, self.observations * self.joint);
         if self.episodes.len() < (slot + 1) * length {
             self.episodes.resize((slot + 1) * length, 0.0);
+            self.lengths.resize(slot + 1, self.observations);
         }
-        let to = self.episodes[slot * length..][..length].chunks_exact_mut(joint);
+        self.lengths[slot] = batch.ends.lengths()[column];
+        let to = &mut self.episodes[slot * length..][..length];
         let from = batch.joint.chunks_exact(joint).skip(column).step_by(batch.episodes);
-        to.zip(from).for_each(|(to, from)| to.copy_from_slice(from));
+        to.chunks_exact_mut(joint).zip(from).for_each(|(to, from)| to.copy_from_slice(from));
+        blank(to, self.observations, 1, |_| self.lengths[slot]);
     }
 
     /// How many episodes are remembered.
@@ -55,18 +75,21 @@ impl Replay {
             return Vec::new();
         }
         let Replay { observations, joint, .. } = *self;
-        self.samples.resize_with(steps, Buffer::default);
+        self.samples.resize_with(steps, Sample::default);
         for step in 0..steps {
             let draws = Draws::new(seed, Purpose::Replay, update, step as u64);
             let chosen = distinct(draws, self.len(), rows);
-            let sample = self.samples[step].resize(observations * rows * joint);
+            let sample = &mut self.samples[step];
+            sample.lengths.clear();
+            sample.lengths.extend(chosen.iter().map(|&episode| self.lengths[episode]));
+            let sample = sample.joint.resize(observations * rows * joint);
             for (at, to) in sample.chunks_exact_mut(joint).enumerate() {
                 let from = chosen[at % rows] * observations + at / rows;
                 to.copy_from_slice(&self.episodes[from * joint..][..joint]);
             }
         }
-        let trajectories = |sample| Trajectories { rows, observations, joint: sample };
-        self.samples.iter().map(|sample| trajectories(sample)).collect()
+        let samples = self.samples.iter();
+        samples.map(|Sample { joint, lengths }| Trajectories { rows, observations, lengths, joint }).collect()
     }
 
     /// All that is remembered, `[slots, observations, joint]`, for a checkpoint.
@@ -74,12 +97,24 @@ impl Replay {
         &self.episodes
     }
 
-    /// Takes over what [`Replay::episodes`] gave; false if that does not fit.
-    pub fn restore(&mut self, episodes: &[f32]) -> bool {
+    /// The steps played in each remembered episode, for a checkpoint.
+    pub fn lengths(&self) -> &[usize] {
+        &self.lengths
+    }
+
+    /// Takes over what [`Replay::episodes`] and [`Replay::lengths`] gave; false if that does not fit. Without lengths
+    /// all episodes are whole.
+    pub fn restore(&mut self, episodes: &[f32], lengths: Option<Vec<usize>>) -> bool {
         let length = self.observations * self.joint;
-        let fits = episodes.len().is_multiple_of(length) && episodes.len() / length <= self.capacity;
+        let slots = episodes.len() / length;
+        let lengths = lengths.unwrap_or_else(|| vec![self.observations; slots]);
+        let fits = episodes.len() == slots * length
+            && slots <= self.capacity
+            && lengths.len() == slots
+            && lengths.iter().all(|length| (1..=self.observations).contains(length));
         if fits {
             self.episodes = episodes.to_vec();
+            self.lengths = lengths;
         }
         fits
     }
@@ -98,12 +133,14 @@ fn distinct(mut draws: Draws, n: usize, k: usize) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::train::Ends;
 
     /// Two episodes of three steps; every value tells episode, time and dim.
     fn batch(first: u64) -> Batch {
         let value = |t: usize, e: usize, d: usize| ((first as usize + e) * 100 + t * 10 + d) as f32;
         let at = |i: usize| value(i / 4, i / 2 % 2, i % 2);
-        Batch { episodes: 2, steps: 3, joint: (0..16).map(at).collect(), ..Batch::default() }
+        let joint = (0..16).map(at).collect();
+        Batch { episodes: 2, steps: 3, joint, ends: Ends::truncated(2, 3), ..Batch::default() }
     }
 
     #[test]
@@ -132,6 +169,30 @@ mod tests {
     }
 
     #[test]
+    fn short_episodes_are_remembered_as_far_as_they_went() {
+        let mut replay = Replay::new(2, 3, 2);
+        let mut short = batch(0);
+        short.ends.set(0, 2, true);
+        replay.push(0, &short, 0);
+        replay.push(1, &short, 1);
+        assert_eq!(
+            (replay.lengths(), &replay.episodes()[..6]),
+            (&[2, 3][..], &[0.0, 1.0, 10.0, 11.0, 0.0, 0.0][..])
+        );
+        for update in 0..10 {
+            let sample = replay.sample(7, update, 1, 2)[0];
+            let whole: Vec<bool> = (0..2).map(|row| sample.joint[row * 2] == 100.0).collect();
+            assert_eq!(
+                sample.lengths,
+                whole.iter().map(|&whole| if whole { 3 } else { 2 }).collect::<Vec<_>>()
+            );
+        }
+        // A whole episode takes the place of the short one.
+        replay.push(2, &batch(0), 0);
+        assert_eq!((replay.lengths(), &replay.episodes()[4..6]), (&[3, 3][..], &[20.0, 21.0][..]));
+    }
+
+    #[test]
     fn every_choice_is_alike() {
         let mut counts = [0; 10];
         for update in 0..6_000 {
@@ -150,9 +211,16 @@ mod tests {
         replay.push(0, &batch(0), 0);
         replay.push(1, &batch(0), 1);
         let mut other = Replay::new(4, 3, 2);
-        assert!(other.restore(replay.episodes()));
+        assert!(other.restore(replay.episodes(), Some(replay.lengths().to_vec())));
         assert_eq!(other.sample(1, 2, 1, 2)[0].joint, replay.sample(1, 2, 1, 2)[0].joint);
-        assert!(!other.restore(&[0.0; 7]));
-        assert!(!other.restore(&[0.0; 30]));
+        assert!(!other.restore(&[0.0; 7], None));
+        assert!(!other.restore(&[0.0; 30], None));
+        assert!(!other.restore(replay.episodes(), Some(vec![3])));
+        assert!(!other.restore(replay.episodes(), Some(vec![3, 4])));
+        assert!(!other.restore(replay.episodes(), Some(vec![0, 3])));
+        assert_eq!(other.lengths(), [3, 3]);
+        // As long as no episode could end early, no lengths were kept.
+        assert!(other.restore(replay.episodes(), None));
+        assert_eq!(other.lengths(), [3, 3]);
     }
 }

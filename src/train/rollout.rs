@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::Batch;
 use crate::agent::JointLayout;
 use crate::base::error::Result;
-use crate::environment::Environment;
+use crate::environment::{End, Environment};
 use crate::link::LinkModel;
 use crate::supervisor::{Decisions, Observer, Session, Stage, Team};
 
@@ -103,6 +103,10 @@ impl Observer for Collector<'_> {
 
     fn end_episodes(&mut self, stage: &Stage) -> Result<()> {
         self.note_observations(stage, stage.tick().step as usize);
+        for (world, (_, steps)) in self.played.iter().enumerate() {
+            let terminated = stage.end(world) == End::Terminated;
+            self.batch.ends.set(self.row(stage, 0, world), *steps as usize, terminated);
+        }
         Ok(())
     }
 }

@@ -125,7 +125,7 @@ impl Team {
         assert!(replays.is_empty() || replays.len() == steps, "every step of a predictor has its replay");
         self.rewards.resize(batch.rewards.len()).copy_from_slice(&batch.rewards);
         if self.settings.standardise_rewards {
-            standardise(&mut self.rewards);
+            standardise(&mut self.rewards, &batch.ends);
         }
         // The critics' last step is in round `epochs`, the actors' in the one after it.
         for round in 0..=self.settings.epochs + 1 {
@@ -139,7 +139,7 @@ impl Team {
         &self.losses
     }
 
-    /// The advantages of the last update's last epoch, `[T, E, agents]`.
+    /// The advantages of the last update's last epoch, `[T, E, agents]`; zero behind an episode's end.
     pub fn advantages(&self) -> &[f32] {
         &self.advantages
     }
@@ -209,7 +209,7 @@ impl Team {
                         _ => critic.parameters.step(learning_rate, critic_scale),
                     }
                     if epoch < epochs {
-                        critic.differentiate(batch.actions.len());
+                        critic.differentiate(available.len(), batch);
                     }
                     &mut critic.busy
                 }

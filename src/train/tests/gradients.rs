@@ -20,20 +20,27 @@ fn check_gradient(what: &str, values: &Flat, gradient: &Flat, mut loss: impl FnM
 #[test]
 fn the_gradient_of_an_actor_is_that_of_its_loss() {
     for (kind, sharing) in kinds() {
-        let (settings, batch) = (settings(kind, sharing), batch(3));
-        let advantages = numbers(8, batch.actions.len());
-        for mut actor in team(settings.clone(), 1).actors {
-            actor.begin(N, &batch);
-            actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, true);
-            // A step away from the old policy, some ratios are clipped and some are not.
-            actor.parameters.step(0.05, 1.0);
-            actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, false);
-            let (values, gradient) = (actor.parameters.values.clone(), actor.parameters.gradient.clone());
-            check_gradient(&format!("{kind}, {sharing}"), &values, &gradient, |values| {
-                actor.parameters.values = values.clone();
+        let settings = settings(kind, sharing);
+        for batch in [batch(3), ended(3)] {
+            let advantages = numbers(8, batch.actions.len());
+            for mut actor in team(settings.clone(), 1).actors {
+                actor.begin(N, &batch);
+                actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, true);
+                // A step away from the old policy, some ratios are clipped and some are not.
+                actor.parameters.step(0.05, 1.0);
                 actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, false);
-                actor.losses.loss
-            });
+                let (values, gradient) = (actor.parameters.values.clone(), actor.parameters.gradient.clone());
+                check_gradient(
+                    &format!("{kind}, {sharing}, {:?}", batch.ends),
+                    &values,
+                    &gradient,
+                    |values| {
+                        actor.parameters.values = values.clone();
+                        actor.differentiate(&settings, &batch, &AVAILABLE, &advantages, false);
+                        actor.losses.loss
+                    },
+                );
+            }
         }
     }
 }
@@ -43,17 +50,23 @@ fn the_gradient_of_a_critic_is_that_of_its_loss() {
     for input in [CriticInput::AllObservations, CriticInput::Joint, CriticInput::OwnObservation] {
         for sharing in [Sharing::Separate, Sharing::Shared] {
             let settings = Settings { critic_input: input, ..settings(ActorKind::Mlp, sharing) };
-            let batch = batch(4);
-            for mut critic in team(settings.clone(), 1).critics {
-                critic.begin(&settings, N, &batch, &batch.rewards);
-                critic.differentiate(batch.actions.len());
-                let (values, gradient) =
-                    (critic.parameters.values.clone(), critic.parameters.gradient.clone());
-                check_gradient(&format!("{input:?}, {sharing}"), &values, &gradient, |values| {
-                    critic.parameters.values = values.clone();
-                    critic.differentiate(batch.actions.len());
-                    critic.losses.loss
-                });
+            for batch in [batch(4), ended(4)] {
+                for mut critic in team(settings.clone(), 1).critics {
+                    critic.begin(&settings, N, &batch, &batch.rewards);
+                    critic.differentiate(N, &batch);
+                    let (values, gradient) =
+                        (critic.parameters.values.clone(), critic.parameters.gradient.clone());
+                    check_gradient(
+                        &format!("{input:?}, {sharing}, {:?}", batch.ends),
+                        &values,
+                        &gradient,
+                        |values| {
+                            critic.parameters.values = values.clone();
+                            critic.differentiate(N, &batch);
+                            critic.losses.loss
+                        },
+                    );
+                }
             }
         }
     }
@@ -61,22 +74,25 @@ fn the_gradient_of_a_critic_is_that_of_its_loss() {
 
 #[test]
 fn the_gradient_of_a_predictor_is_that_of_its_loss() {
-    let batch = batch(5);
-    let advantages = numbers(9, batch.actions.len());
-    for (objective, held) in [
-        (Objective::ValueAware { lambda: 2.0 }, vec![]),
-        (Objective::ValueAware { lambda: 1.0 }, vec![1, 4]),
-        (Objective::Maro, vec![]),
-    ] {
-        let mut predictor = still_predictor(objective, held, false);
-        let learn = |predictor: &mut Predictor| {
-            predictor.learn(&once(), batch.trajectories(), &advantages, &[batch.trajectories()]).unwrap()
-        };
-        learn(&mut predictor);
-        let (values, gradient) = (predictor.parameters.values.clone(), predictor.parameters.gradient.clone());
-        check_gradient(&format!("{objective:?}"), &values, &gradient, |values| {
-            predictor.parameters.values = values.clone();
-            learn(&mut predictor).loss
-        });
+    for batch in [batch(5), ended(5)] {
+        let advantages = numbers(9, batch.actions.len());
+        for (objective, held) in [
+            (Objective::ValueAware { lambda: 2.0 }, vec![]),
+            (Objective::ValueAware { lambda: 1.0 }, vec![1, 4]),
+            (Objective::Maro, vec![]),
+        ] {
+            let mut predictor = still_predictor(objective, held, false);
+            let learn = |predictor: &mut Predictor| {
+                let trajectories = batch.trajectories();
+                predictor.learn(&once(), trajectories, &advantages, &[trajectories]).unwrap()
+            };
+            learn(&mut predictor);
+            let (values, gradient) =
+                (predictor.parameters.values.clone(), predictor.parameters.gradient.clone());
+            check_gradient(&format!("{objective:?}, {:?}", batch.ends), &values, &gradient, |values| {
+                predictor.parameters.values = values.clone();
+                learn(&mut predictor).loss
+            });
+        }
     }
 }

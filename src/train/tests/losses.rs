@@ -37,7 +37,7 @@ fn what_actors_and_critics_say_worked_by_hand() {
 
     let critic = &mut team.critics[0];
     critic.begin(&settings, N, &batch, &batch.rewards);
-    critic.differentiate(72);
+    critic.differentiate(N, &batch);
     let mean =
         |of: &dyn Fn(f64) -> f64| critic.advantages.iter().map(|&a| of(f64::from(a))).sum::<f64>() / 72.0;
     let losses = critic.losses;
@@ -54,7 +54,7 @@ fn returns_worked_by_hand() {
     let (rewards, values) = ([1.0, 10.0, 2.0, 20.0, 4.0, 40.0], [1.0, 11.0, 2.0, 12.0, 3.0, 13.0, 8.0, 18.0]);
     let found = |estimator| {
         let mut found = [0.0; 6];
-        returns(estimator, 0.5, &rewards, &values, 1, &mut found);
+        returns(estimator, 0.5, &rewards, &values, &Ends::truncated(2, 3), 1, &mut found);
         found
     };
     // r0 + g V1, r1 + g V2, and the last step's own value.
@@ -67,19 +67,19 @@ fn returns_worked_by_hand() {
     assert_eq!(found(Estimator::Gae(1.0)), [4.0, 32.25, 6.0, 44.5, 8.0, 49.0]);
     // Two agents of one episode share its rewards.
     let mut both = [0.0; 6];
-    returns(Estimator::Steps(1), 0.5, &[1.0, 2.0, 4.0], &values, 2, &mut both);
+    returns(Estimator::Steps(1), 0.5, &[1.0, 2.0, 4.0], &values, &Ends::truncated(1, 3), 2, &mut both);
     assert_eq!(both, [2.0, 7.0, 3.5, 8.5, 3.0, 13.0]);
 }
 
 #[test]
 fn standardised_rewards() {
     let mut rewards = [1.0, 2.0, 3.0, 4.0];
-    standardise(&mut rewards);
+    standardise(&mut rewards, &Ends::truncated(2, 2));
     let deviation = (5.0f64 / 3.0).sqrt() + 1e-5;
     for (found, from_mean) in rewards.iter().zip([-1.5, -0.5, 0.5, 1.5]) {
         assert!((f64::from(*found) - from_mean / deviation).abs() < 1e-7);
     }
     let mut alone = [3.0];
-    standardise(&mut alone);
+    standardise(&mut alone, &Ends::truncated(1, 1));
     assert_eq!(alone, [0.0]);
 }

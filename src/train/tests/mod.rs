@@ -1,5 +1,7 @@
 //! Updates against their definitions. That they are the paper's, `tests/verify.rs` shows on recorded ones.
 
+mod checkpoint;
+mod ends;
 mod estimates;
 mod gradients;
 mod losses;
@@ -40,7 +42,17 @@ fn batch(seed: u64) -> Batch {
         estimates: Vec::new(),
         actions: (0..rows * N).map(|at| (at * 7 % AVAILABLE[at % N]) as u8).collect(),
         rewards: numbers(seed + 2, rows),
+        ends: Ends::truncated(episodes, steps),
     }
+}
+
+/// The same with episodes of which one goes to the end, one is cut off and two are terminated, one of them at once.
+fn ended(seed: u64) -> Batch {
+    let mut batch = batch(seed);
+    batch.ends.set(1, 3, true);
+    batch.ends.set(2, 4, false);
+    batch.ends.set(3, 1, true);
+    batch
 }
 
 fn settings(actor: ActorKind, sharing: Sharing) -> Settings {
@@ -186,7 +198,7 @@ fn candle_comes_to_the_same_weights() {
             let mut team = team(Settings { backend, ..settings(kind, sharing) }, 2);
             let start = saved(&team);
             for seed in 0..3 {
-                team.update(&batch(seed), &[batch(seed + 100).trajectories()]);
+                team.update(&ended(seed), &[batch(seed + 100).trajectories()]);
             }
             (start, saved(&team))
         };

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use crate::base::error::{Error, Result};
 use crate::environment::Spec;
 use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, key};
-use crate::train::{Backend, Batch, CriticInput, Estimator, Objective, PredictorSettings, Settings};
+use crate::train::{Backend, Batch, CriticInput, Ends, Estimator, Objective, PredictorSettings, Settings};
 
 /// `config.json`.
 #[derive(Debug, Deserialize)]
@@ -176,6 +176,7 @@ impl UpdateFile {
             estimates: Vec::new(),
             actions: by_time(&actions, episodes, last, n).iter().map(|&action| action as u8).collect(),
             rewards: by_time(&rewards, episodes, last, 1),
+            ends: Ends::truncated(episodes, last),
         })
     }
 
