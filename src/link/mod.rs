@@ -9,6 +9,7 @@
 
 mod asymmetric;
 mod fates;
+mod gilbert;
 mod level;
 mod links;
 mod matrix;
@@ -20,6 +21,7 @@ use glam::DVec2;
 
 pub use asymmetric::{Asymmetric, DYNAMIC_PERIOD};
 pub use fates::Fates;
+pub use gilbert::Gilbert;
 pub use level::{Level, complement};
 pub use links::{LONGEST_DELAY, Links};
 pub use matrix::{CommunicationMatrix, Matrix};

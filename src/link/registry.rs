@@ -3,13 +3,19 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{CommunicationMatrix, Link, asymmetric, level, matrix, uniform};
+use super::{CommunicationMatrix, Link, asymmetric, gilbert, level, matrix, uniform};
 use crate::base::error::Result;
 use crate::usage;
 
 /// The models, in the order in which help and documentation name them.
-pub static MODELS: &[Model] =
-    &[level::MODEL, matrix::MODEL, uniform::MODEL, asymmetric::ASYMMETRIC, asymmetric::DYNAMIC];
+pub static MODELS: &[Model] = &[
+    level::MODEL,
+    matrix::MODEL,
+    uniform::MODEL,
+    asymmetric::ASYMMETRIC,
+    asymmetric::DYNAMIC,
+    gilbert::MODEL,
+];
 
 /// A model of links as the registry knows it.
 #[derive(Clone, Copy, Debug)]
