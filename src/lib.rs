@@ -14,7 +14,7 @@
 //! |---|---|
 //! | [`base`] | errors, files that appear whole, addressed draws, statistics, tables, threads, real-time hygiene |
 //! | [`environment`] | physics and tasks |
-//! | [`link`] | who receives whom |
+//! | [`link`] | which observations reach whom: a trait, a file per model, a registry |
 //! | [`nn`] | actor, predictor, kernels, policy file |
 //! | [`bus`] | messages in shared memory, and their in-process twin |
 //! | [`agent`] | the agent's side: inbox, imputer, policy, process |

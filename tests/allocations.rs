@@ -15,7 +15,7 @@ use vamaro_swarm::bus::{
     AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
 };
 use vamaro_swarm::environment::{Outcome, Task};
-use vamaro_swarm::link::{LinkModel, Links};
+use vamaro_swarm::link::Links;
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
     Audit, Conduct, Decisions, InProcess, Ledger, Processes, Session, Stage, Team, Tick,
@@ -116,14 +116,14 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
             Member::new(agent, port, layout, address.id(), 0)
         };
         let mut members: Vec<_> = (0..agents).map(member).collect();
-        let mut stage = Stage::new(task.environment(1), LinkModel::new(Links::Level(0.5), 1, true), 1);
+        let mut stage = Stage::new(task.environment(1), Links::level(0.5), 1);
         let mut decisions = Decisions { actions: vec![0; agents], ..Decisions::default() };
         for episode in 0..3 {
             stage.begin_episodes(u64::MAX).unwrap();
             for _ in 0..EPISODE_STEPS {
                 let drawn = allocations(|| {
                     stage.sense().unwrap();
-                    stage.draw_links();
+                    stage.draw_links().unwrap();
                 });
                 let tick = stage.tick();
                 let header = Header {
@@ -236,7 +236,7 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
         let conduct = Conduct { wait, rate, command: common::this_binary(), ..Conduct::default() };
         let mut ticks = Vec::with_capacity(EPISODES * EPISODE_STEPS);
         let team = Processes::start(&settings, &policy, conduct.clone()).unwrap();
-        let links = LinkModel::new(Links::Level(0.5), 1, true);
+        let links = Links::level(0.5);
         let mut session = Session::new(task.environment(settings.worlds), links, 1);
         let (mut ledger, mut audit) = (Ledger::default(), Audit::default());
         let episodes = (EPISODES * settings.worlds) as u64;
@@ -263,13 +263,13 @@ fn renewing_weights_allocates_nothing_after_the_first_time() {
         let settings = AgentSettings { imputer, ..AgentSettings::of(task.spec()) };
         let policy = Policy::untrained(&dims(task.spec()), 1, Networks::paper(kind)).unwrap();
         let mut team = InProcess::new(&settings, &policy).unwrap();
-        let mut stage = Stage::new(task.environment(1), LinkModel::new(Links::Level(0.5), 1, true), 1);
+        let mut stage = Stage::new(task.environment(1), Links::level(0.5), 1);
         let weights = vec![0.01; policy.n_values()];
         let mut decisions = Decisions::default();
         let mut first_tick = |renews: bool| {
             stage.begin_episodes(u64::MAX).unwrap();
             stage.sense().unwrap();
-            stage.draw_links();
+            stage.draw_links().unwrap();
             allocations(|| {
                 if renews {
                     team.renew(&weights).unwrap();

@@ -36,7 +36,6 @@ fn numbers_out_of_range() {
 #[test]
 fn requests_that_make_no_sense() {
     fail("spawn --p 0.2 --drop 0.8", 2, &["--drop"]);
-    fail("spawn --p 0.2 --links dynamic", 2, &["--links"]);
     fail("spawn --task hear-sea", 2, &["hear-sea", "hear-see"]);
     fail("spawn --task spread-xy-3", 2, &["even"]);
     fail("spawn --agents 5", 2, &["2, 3, 4, 6, 8 and 12", "spread-blindfold-5"]);
@@ -46,6 +45,9 @@ fn requests_that_make_no_sense() {
     fail("spawn --agents 6", 2, &["no built-in policy for spread-blindfold-6", "--policy untrained"]);
     fail("spawn --imputer clairvoyant", 2, &["clairvoyant", "value-aware", "hold"]);
     fail("spawn --links sometimes", 2, &["uniform, asymmetric, dynamic"]);
+    fail("spawn --links unifrom", 2, &["nearest is `uniform`"]);
+    fail("spawn --links level(2)", 2, &["p: `2` is not a probability from 0 to 1", "level(p)"]);
+    fail("spawn --links level(0.5)+", 2, &["there are no links ``"]);
     fail("spawn --in-process --wait spin", 2, &["--wait"]);
     fail("frobnicate", 2, &["frobnicate"]);
 }

@@ -11,7 +11,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use vamaro_swarm::agent::AgentSettings;
 use vamaro_swarm::base::error::{Error, Result};
 use vamaro_swarm::environment::Task;
-use vamaro_swarm::link::{LinkModel, Links};
+use vamaro_swarm::link::Links;
 use vamaro_swarm::supervisor::{Conduct, Deadlines, Decisions, Observer, Processes, Session, Stage};
 
 /// Not a test: what the agents of the others run. None of those may have its name as a part of theirs, or agents
@@ -30,7 +30,7 @@ fn start(conduct: Conduct) -> (Processes, Session) {
     let task = Task::parse("hear-see").unwrap();
     let settings = AgentSettings::of(task.spec());
     let policy = settings.policy.load(task.spec()).unwrap();
-    let links = LinkModel::new(Links::Level(0.5), 0, true);
+    let links = Links::level(0.5);
     let session = Session::new(task.environment(1), links, 0);
     (Processes::start(&settings, &policy, conduct).unwrap(), session)
 }

@@ -6,15 +6,14 @@ mod common;
 use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::base::rng::{Draws, Purpose};
-use vamaro_swarm::bus::Wait;
 use vamaro_swarm::environment::{
-    About, ActionSpace, AgentSpec, Axis, End, Environment, PaperSetting, Spec, State, TeamReward, Unit,
-    Value, World, Worlds,
+    About, ActionSpace, Actions, AgentSpec, Axis, End, Environment, PaperSetting, Spec, State, TeamReward,
+    Unit, Value, World, Worlds,
 };
-use vamaro_swarm::link::{LinkModel, Links};
+use vamaro_swarm::link::Links;
 use vamaro_swarm::nn::{ActorKind, Meta, Networks, Policy, PredictorSpec, Sharing};
 use vamaro_swarm::supervisor::{
-    self, Audit, EpisodeStatistics, InProcess, Ledger, Processes, Session, Team as _, signals,
+    self, Audit, Conduct, EpisodeStatistics, InProcess, Ledger, Processes, Session, Team as _,
 };
 use vamaro_swarm::train::{
     Batch, Estimator, Losses, Objective, PredictorSettings, Replay, Rollout, Settings, Team,
@@ -53,17 +52,17 @@ impl World for Line {
         out.copy_from_slice(&[self.places[agent] as f32, self.meeting as f32]);
     }
 
-    fn step(&mut self, actions: &[u32], rewards: &mut [f64]) -> Result<End> {
+    fn step(&mut self, actions: Actions, rewards: &mut [f64]) -> Result<End> {
         assert!(self.step < self.end.0, "a world that is done is left alone");
         self.step += 1;
-        for ((place, action), reward) in self.places.iter_mut().zip(actions).zip(rewards) {
-            *place += 0.2 * (f64::from(*action) - 1.0);
+        for (agent, (place, reward)) in self.places.iter_mut().zip(rewards).enumerate() {
+            *place += 0.2 * (f64::from(actions.choice(agent)) - 1.0);
             *reward = -(*place - self.meeting).abs();
         }
         Ok(if self.step == self.end.0 { self.end.1 } else { End::Open })
     }
 
-    fn set_state(&mut self, _state: &State, _last_actions: Option<&[u32]>) -> Result<()> {
+    fn set_state(&mut self, _state: &State, _last_actions: Option<Actions>) -> Result<()> {
         unreachable!("nobody replays these episodes")
     }
 }
@@ -114,10 +113,6 @@ fn settings(kind: ActorKind) -> Settings {
     }
 }
 
-fn links(p: f64) -> LinkModel {
-    LinkModel::new(Links::Level(p), SEED, true)
-}
-
 fn agents(worlds: usize) -> AgentSettings {
     AgentSettings {
         imputer: ImputerName::Predictor("value-aware".to_owned()),
@@ -145,7 +140,7 @@ fn train(kind: ActorKind, p: f64, worlds: usize, threads: usize) -> (Vec<u32>, V
     let settings = settings(kind);
     let mut team = untrained(&settings, threads);
     let mut agents = InProcess::new(&agents(worlds), &policy(&settings, &team)).unwrap();
-    let mut rollout = Rollout::new(environment(worlds), links(p), SEED, 0);
+    let mut rollout = Rollout::new(environment(worlds), Links::level(p), SEED, 0);
     let mut batch = Batch::zeros(&spec(), EPISODES, p < 1.0);
     let mut replay = Replay::new(10, STEPS, spec().joint_dim());
     let (mut losses, mut played, mut weights) = (Vec::new(), Vec::new(), Vec::new());
@@ -186,7 +181,7 @@ fn a_batch_says_how_its_episodes_ended() {
     let settings = settings(ActorKind::Mlp);
     let policy = policy(&settings, &untrained(&settings, 1));
     let mut batch = Batch::zeros(&spec(), EPISODES, false);
-    let mut rollout = Rollout::new(environment(3), links(1.0), SEED, 0);
+    let mut rollout = Rollout::new(environment(3), Links::level(1.0), SEED, 0);
     let mut agents = InProcess::new(&agents(3), &policy).unwrap();
     let (mut terminated, mut cut_off, mut timed_out) = (0, 0, 0);
     for batch_of_ends in ends(4 * EPISODES).chunks(EPISODES) {
@@ -212,7 +207,7 @@ fn untrained_policy() -> Policy {
 
 /// What ledger and audit say of ten episodes that a team plays in so many worlds.
 fn counted(mut team: impl supervisor::Team, worlds: usize) -> (Vec<EpisodeStatistics>, Audit) {
-    let mut session = Session::new(environment(worlds), links(0.5), SEED);
+    let mut session = Session::new(environment(worlds), Links::level(0.5), SEED);
     let (mut ledger, mut audit) = (Ledger::default(), Audit::default());
     session.play(&mut team, 10, &mut [&mut ledger, &mut audit]).unwrap();
     (ledger.into_statistics().episodes().to_vec(), audit)
@@ -241,12 +236,12 @@ fn counts_and_audit_skip_worlds_that_are_done() {
 /// Not a test: what the agents of the last one run. No other test may have its name as a part of its own.
 #[test]
 fn agent() {
-    common::run_agent();
+    vamaro_swarm::run_if_agent();
 }
 
 #[test]
 fn processes_idle_as_one_process_does() {
-    signals::install().unwrap();
-    let processes = Processes::start(&agents(4), &untrained_policy(), Wait::Block).unwrap();
+    let conduct = Conduct { command: common::this_binary(), ..Conduct::default() };
+    let processes = Processes::start(&agents(4), &untrained_policy(), conduct).unwrap();
     assert_eq!(counted(processes, 4), counted_in_process(4));
 }

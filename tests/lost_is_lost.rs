@@ -5,7 +5,7 @@ use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{AgentPort, Header, Kind, Layout, LocalPort, LocalSample, Sample};
 use vamaro_swarm::environment::Task;
-use vamaro_swarm::link::{LinkModel, Links};
+use vamaro_swarm::link::Links;
 use vamaro_swarm::supervisor::{Decisions, InProcess, Stage, Team};
 
 /// Steps of an episode of every built-in task.
@@ -66,13 +66,13 @@ fn play(
     p: f64,
     share_at_start: bool,
 ) -> Vec<(Vec<u32>, Vec<u32>, Vec<u32>)> {
-    let mut stage = Stage::new(task.environment(3), LinkModel::new(Links::Level(p), 5, share_at_start), 5);
+    let mut stage = Stage::new(task.environment(3), Links::level(p).sharing_at_start(share_at_start), 5);
     let (mut decisions, mut all) = (Decisions::default(), Vec::new());
     while stage.next_episode() < 6 {
         stage.begin_episodes(6).unwrap();
         for _ in 0..EPISODE_STEPS {
             stage.sense().unwrap();
-            stage.draw_links();
+            stage.draw_links().unwrap();
             team.tick(&stage.tick(), &mut decisions).unwrap();
             stage.step_worlds(&decisions).unwrap();
             let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect();

@@ -10,7 +10,7 @@ use rustix::process::{Signal, kill_process};
 use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::Task;
-use vamaro_swarm::link::{LinkModel, Links};
+use vamaro_swarm::link::Links;
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
 use vamaro_swarm::recording::{Episode, Header, Recording};
 use vamaro_swarm::supervisor::{
@@ -100,8 +100,8 @@ impl Case {
         AgentSettings { imputer, policy, seed: SEED, worlds, ..AgentSettings::of(self.task.spec()) }
     }
 
-    fn links(&self) -> LinkModel {
-        LinkModel::new(Links::Level(self.p), SEED, true)
+    fn links(&self) -> Links {
+        Links::level(self.p)
     }
 
     fn rollout(&self, worlds: usize, first_episode: u64) -> Rollout {
@@ -109,7 +109,7 @@ impl Case {
     }
 
     fn batch(&self, episodes: usize) -> Batch {
-        Batch::zeros(self.task.spec(), episodes, !self.links().is_lossless())
+        Batch::zeros(self.task.spec(), episodes, self.p < 1.0)
     }
 
     fn processes(&self, worlds: usize, seed: u64) -> Processes {
@@ -204,7 +204,7 @@ fn renew_before(renewed: usize, case: &Case, team: impl Team) -> Vec<u32> {
             team.renew(&case.weights(1)).unwrap();
         }
         stage.sense().unwrap();
-        stage.draw_links();
+        stage.draw_links().unwrap();
         team.tick(&stage.tick(), &mut decisions).unwrap();
         stage.step_worlds(&decisions).unwrap();
     }

@@ -2,8 +2,9 @@
 //!
 //! Every draw has the address (seed, purpose, episode, step, receiver, sender). ChaCha8 is a counter
 //! mode cipher, so any address is reached without computing the ones before it: seed, purpose and
-//! episode form the key, the step is the stream, and receiver and sender are a position in the stream.
-//! Two runs that agree on the address agree on the draw, whatever else they did.
+//! episode form the key, together with a part where several draw for one purpose; the step is the stream,
+//! and receiver and sender are a position in the stream. Two runs that agree on the address agree on the
+//! draw, whatever else they did.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -41,10 +42,17 @@ pub struct Draws(ChaCha8Rng);
 impl Draws {
     /// The draws at this address, positioned at receiver 0 and sender 0.
     pub fn new(seed: u64, purpose: Purpose, episode: u64, step: u64) -> Draws {
+        Draws::of_part(0, seed, purpose, episode, step)
+    }
+
+    /// The same for part `part` of several that draw for one purpose, such as links in a chain. Part 0 has the draws of
+    /// [`Draws::new`].
+    pub fn of_part(part: u64, seed: u64, purpose: Purpose, episode: u64, step: u64) -> Draws {
         let mut key = [0u8; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
         key[8..16].copy_from_slice(&(purpose as u64).to_le_bytes());
         key[16..24].copy_from_slice(&episode.to_le_bytes());
+        key[24..].copy_from_slice(&part.to_le_bytes());
         let mut rng = ChaCha8Rng::from_seed(key);
         rng.set_stream(step);
         Draws(rng)
@@ -104,9 +112,11 @@ mod tests {
             draw(1, Purpose::Link, 1, 2, 1, 1),
             draw(1, Purpose::Link, 1, 1, 2, 1),
             draw(1, Purpose::Link, 1, 1, 1, 2),
+            Draws::of_part(1, 1, Purpose::Link, 1, 1).at(1, 1).uniform(),
         ] {
             assert_ne!(base, other);
         }
+        assert_eq!(base, Draws::of_part(0, 1, Purpose::Link, 1, 1).at(1, 1).uniform());
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::base::scheduling::{Grants, Scheduling};
 use crate::base::threads::cores;
 use crate::bus::Wait;
 use crate::environment::Task;
-use crate::link::{CommunicationMatrix, LinkModel, Links, complement};
+use crate::link::{self, CommunicationMatrix, LinkSpec, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::Header;
 use crate::supervisor::{
@@ -25,7 +25,7 @@ use crate::{failed, usage};
 
 /// Start a swarm, play episodes, and say how the team did
 #[derive(Debug, Args)]
-#[command(after_help = AFTER_HELP)]
+#[command(after_help = after_help())]
 pub struct Spawn {
     /// Task: an id or alias from `vamaro-swarm tasks` [default: that of --policy or
     /// --agents, else hear-see]
@@ -36,19 +36,18 @@ pub struct Spawn {
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     agents: Option<usize>,
 
-    /// Probability that an observation is delivered [default: 1]
+    /// Probability that an observation is delivered: --links 'level(P)' [default: 1, without --links]
     #[arg(long, value_name = "P", value_parser = probability, allow_negative_numbers = true,
-        conflicts_with_all = ["drop", "links"])]
+        conflicts_with = "drop")]
     p: Option<f64>,
 
     /// Probability that an observation is lost: 1 - p
-    #[arg(long, value_name = "D", value_parser = probability, allow_negative_numbers = true,
-        conflicts_with = "links")]
+    #[arg(long, value_name = "D", value_parser = probability, allow_negative_numbers = true)]
     drop: Option<f64>,
 
-    /// Links that differ: uniform (one p per episode), asymmetric (a matrix per episode), dynamic (a
-    /// matrix per 5 steps), or a file with a communication matrix, one row per receiver
-    #[arg(long, value_name = "FILE|MODE")]
+    /// Links by their model, listed below, or a file with a communication matrix, one row per receiver; behind the
+    /// links of --p or --drop, if they are given too
+    #[arg(long, value_name = "LINKS|FILE")]
     links: Option<String>,
 
     /// Lose observations at t = 0 too; by default everything is delivered once when an episode starts
@@ -128,13 +127,18 @@ pub struct Spawn {
 
 const REAL_TIME: &str = "Real time (what the kernel refuses is said, and done without)";
 
-const AFTER_HELP: &str = "\
+const EXAMPLES: &str = "\
 Examples:
   vamaro-swarm spawn --agents 4 --p 0.2
   vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --episodes 1000 --worlds 10
   vamaro-swarm spawn --task spread-blindfold-6 --policy untrained --links dynamic --audit
+  vamaro-swarm spawn --agents 4 --links 'dynamic + level(0.9)'
   vamaro-swarm spawn --agents 4 --p 0.2 --rate 100     in real time, 100 Hz
   vamaro-swarm spawn --task SXY-4 --p 0.6 --record trace.json && vamaro-swarm verify trace.json";
+
+fn after_help() -> String {
+    format!("{}\n\n{EXAMPLES}", link::help())
+}
 
 impl Spawn {
     /// Runs the command.
@@ -209,7 +213,7 @@ impl Spawn {
         if !self.json {
             print(&summary.first_line())?;
         }
-        let links = LinkModel::new(summary.links.clone(), self.seed, summary.comm_at_t0);
+        let links = summary.links.build().sharing_at_start(summary.comm_at_t0);
         let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed);
         let bar = progress_bar(self.episodes);
         let mut ledger = Ledger::telling(|statistics| {
@@ -268,23 +272,13 @@ impl Spawn {
         })
     }
 
-    fn find_links(&self, task: &Task) -> Result<Links> {
-        Ok(match (self.p, self.drop, self.links.as_deref()) {
-            (Some(p), _, _) => Links::Level(p),
-            (_, Some(drop), _) => Links::Level(complement(drop)),
-            (_, _, None) => Links::Level(1.0),
-            (_, _, Some("uniform")) => Links::Uniform,
-            (_, _, Some("asymmetric")) => Links::Asymmetric,
-            (_, _, Some("dynamic")) => Links::Dynamic,
-            (_, _, Some(file)) if Path::new(file).is_file() => {
-                Links::Matrix(CommunicationMatrix::read(Path::new(file), task.spec().n_agents())?)
-            }
-            (_, _, Some(other)) => {
-                return Err(usage!(
-                    "--links {other}: neither a mode (uniform, asymmetric, dynamic) nor a file with a matrix"
-                ));
-            }
-        })
+    fn find_links(&self, task: &Task) -> Result<LinkSpec> {
+        let (level, agents) = (self.p.or(self.drop.map(complement)), task.spec().n_agents());
+        let links = self.links.as_deref().map(|text| LinkSpec::parse(text, agents)).transpose()?;
+        match (level.map(LinkSpec::level).transpose()?, links) {
+            (Some(level), Some(links)) => level.then(links),
+            (level, links) => level.or(links).map_or_else(|| LinkSpec::level(1.0), Ok),
+        }
     }
 
     fn scheduling(&self) -> Result<Scheduling> {
@@ -312,7 +306,7 @@ impl Spawn {
     fn start_recording(
         &self,
         path: &Path,
-        links: &Links,
+        links: &LinkSpec,
         settings: &AgentSettings,
         policy: &Policy,
     ) -> Result<Recorder> {
@@ -327,8 +321,8 @@ impl Spawn {
             policy: Some(settings.policy.to_string()),
             seed: Some(self.seed),
             greedy: Some(self.greedy),
-            links: Some(links.name().to_owned()),
-            matrix: links.matrix(),
+            links: Some(links.recorded_name()),
+            matrix: links.matrix().map(CommunicationMatrix::to_rows),
             comm_at_t0: Some(!self.no_comm_at_t0),
             version: Some(env!("CARGO_PKG_VERSION").to_owned()),
         };

@@ -8,14 +8,14 @@ use crate::base::scheduling::Grants;
 use crate::base::table::thousands;
 use crate::bus::Wait;
 use crate::environment::Task;
-use crate::link::{Links, complement};
+use crate::link::{CommunicationMatrix, LinkSpec, complement};
 use crate::nn::Meta;
 use crate::supervisor::{Audit, Punctuality, Statistics};
 
 /// What was asked for. With what came of it, it makes a summary.
 pub(super) struct Summary<'a> {
     pub(super) task: &'a Task,
-    pub(super) links: &'a Links,
+    pub(super) links: &'a LinkSpec,
     pub(super) comm_at_t0: bool,
     pub(super) settings: &'a AgentSettings,
     pub(super) policy: &'a Meta,
@@ -63,14 +63,9 @@ impl Summary<'_> {
     }
 
     fn link_words(&self) -> String {
-        match self.links {
-            Links::Level(p) => {
-                format!("p = {} (probability of delivery), drop = {}", p, complement(*p))
-            }
-            Links::Matrix(_) => "links by a communication matrix (p = C[i][j], drop = 1 - p)".to_owned(),
-            Links::Uniform => "p ~ U(0, 1) per episode, drop = 1 - p".to_owned(),
-            Links::Asymmetric => "p ~ U(0, 1) per link and episode, drop = 1 - p".to_owned(),
-            Links::Dynamic => "p ~ U(0, 1) per link and 5 steps, drop = 1 - p".to_owned(),
+        match self.links.p() {
+            Some(p) => format!("p = {p} (probability of delivery), drop = {}", complement(p)),
+            None => self.links.about(),
         }
     }
 
@@ -128,7 +123,7 @@ impl Summary<'_> {
     pub(super) fn json(&self, outcome: &Outcome) -> Value {
         let Outcome { statistics, audit, punctuality } = *outcome;
         let Summary { task, settings, .. } = self;
-        let p = if let Links::Level(p) = self.links { Some(*p) } else { None };
+        let p = self.links.p();
         json!({
             "version": env!("CARGO_PKG_VERSION"),
             "task": task.id(),
@@ -136,10 +131,10 @@ impl Summary<'_> {
             "in_process": self.wait.is_none(),
             "wait": self.wait,
             "scheduling": self.scheduling,
-            "links": self.links.name(),
+            "links": self.links.recorded_name(),
             "p": p,
             "drop": p.map(complement),
-            "matrix": self.links.matrix(),
+            "matrix": self.links.matrix().map(CommunicationMatrix::to_rows),
             "comm_at_t0": self.comm_at_t0,
             "policy": settings.policy.to_string(),
             "policy_origin": self.policy.origin,

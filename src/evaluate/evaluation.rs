@@ -6,7 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::environment::Unit;
-use crate::link::Links;
+use crate::link::LinkSpec;
 
 /// A sweep: policies, each played under every condition with every imputer.
 ///
@@ -150,7 +150,12 @@ impl Condition {
 
     /// `level`, or the name of the mode.
     pub fn name(self) -> &'static str {
-        self.links().name()
+        match self {
+            Condition::Level(_) => "level",
+            Condition::Uniform => "uniform",
+            Condition::Asymmetric => "asymmetric",
+            Condition::Dynamic => "dynamic",
+        }
     }
 
     /// Whether everything is delivered, always.
@@ -159,13 +164,13 @@ impl Condition {
     }
 
     /// The links that behave so.
-    pub fn links(self) -> Links {
-        match self {
-            Condition::Level(p) => Links::Level(p),
-            Condition::Uniform => Links::Uniform,
-            Condition::Asymmetric => Links::Asymmetric,
-            Condition::Dynamic => Links::Dynamic,
-        }
+    pub fn links(self) -> LinkSpec {
+        let links = match self {
+            Condition::Level(p) => LinkSpec::level(p),
+            // Links of any number of agents.
+            mode => LinkSpec::parse(mode.name(), 1),
+        };
+        links.expect("a condition is in the registry of links")
     }
 }
 

@@ -5,7 +5,7 @@ use super::evaluation::{Outcome, Settings};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::environment::{End, Outcome as Stepped, Task};
-use crate::link::{LinkModel, Links};
+use crate::link::Links;
 use crate::nn::Policy;
 use crate::supervisor::{Ledger, Session, Team, signals};
 
@@ -23,7 +23,7 @@ pub(super) fn play(
     worlds: usize,
     team: &mut impl Team,
 ) -> Result<Outcome> {
-    let links = LinkModel::new(links, settings.seed, settings.comm_at_t0);
+    let links = links.sharing_at_start(settings.comm_at_t0);
     let end = FIRST_EPISODE + settings.episodes;
     let mut session = Session::new(task.environment(worlds), links, settings.seed).starting_at(FIRST_EPISODE);
     let (mut ledger, mut errors) = (Ledger::default(), ErrorLedger::new(task.spec(), policy, imputer));
@@ -79,7 +79,7 @@ mod tests {
         let agents =
             AgentSettings { imputer: imputer.clone(), seed: 4, worlds, ..AgentSettings::of(task.spec()) };
         let mut team = InProcess::new(&agents, &policy).unwrap();
-        play(&settings(9), &policy, &task, Links::Level(p), &imputer.to_string(), worlds, &mut team).unwrap()
+        play(&settings(9), &policy, &task, Links::level(p), &imputer.to_string(), worlds, &mut team).unwrap()
     }
 
     #[test]

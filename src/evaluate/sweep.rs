@@ -157,7 +157,7 @@ impl Sweep {
             seed: self.settings.seed,
             worlds: self.worlds.min(self.settings.episodes as usize),
         };
-        let (links, name, worlds) = (job.condition.links(), imputer.to_string(), settings.worlds);
+        let (links, name, worlds) = (job.condition.links().build(), imputer.to_string(), settings.worlds);
         match self.place {
             Place::Processes(wait) => {
                 let mut team = Processes::start(&settings, policy, wait)?;

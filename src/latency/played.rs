@@ -10,7 +10,7 @@ use crate::agent::{AgentSettings, ImputerName, PREFERRED, PolicySource, dims, pa
 use crate::base::error::{Error, Result};
 use crate::bus::Wait;
 use crate::environment::Task;
-use crate::link::{LinkModel, Links};
+use crate::link::Links;
 use crate::nn::{Networks, Policy};
 use crate::supervisor::{AgentTimes, Decisions, Observer, Processes, Session, Stage};
 
@@ -64,7 +64,7 @@ impl Played {
         let imputer = ImputerName::Predictor(PREFERRED.to_owned());
         let settings = AgentSettings { policy, imputer, worlds, ..AgentSettings::of(task.spec()) };
         let team = Processes::start(&settings, &settings.policy.load(task.spec())?, wait)?;
-        let links = LinkModel::new(Links::Level(1.0), settings.seed, true);
+        let links = Links::level(1.0);
         Ok(Played { session: Session::new(task.environment(worlds), links, settings.seed), team })
     }
 

@@ -1,9 +1,31 @@
-//! The communication matrix and its text form.
+//! A probability for each link: the communication matrix and its text form.
 
 use std::path::Path;
+use std::sync::Arc;
 
+use super::level::lose_by;
+use super::{Context, Domain, Fates, Link, Model, Parameter};
 use crate::base::error::{Error, Result};
 use crate::usage;
+
+/// `matrix(FILE)`: a fixed communication matrix C, `C[i][j]` the probability that i receives j.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Matrix(pub Arc<CommunicationMatrix>);
+
+/// Its line in the registry.
+pub(super) const MODEL: Model = Model {
+    name: "matrix",
+    about: "links by a communication matrix (p = C[i][j], drop = 1 - p)",
+    parameters: &[Parameter { name: "FILE", domain: Domain::Matrix, default: None }],
+    build: |arguments| Ok(Box::new(Matrix(arguments[0].matrix().clone()))),
+};
+
+impl Link for Matrix {
+    fn deliveries(&mut self, context: &Context, fates: &mut Fates) -> Result<()> {
+        lose_by(context, fates, |receiver, sender| self.0.p(receiver, sender));
+        Ok(())
+    }
+}
 
 /// The communication matrix C: `p(i, j)` is the probability that agent i receives agent j.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,8 +42,8 @@ impl CommunicationMatrix {
     }
 
     /// The rows, one per receiver.
-    pub fn rows(&self) -> impl Iterator<Item = &[f64]> {
-        self.p.chunks_exact(self.agents)
+    pub fn to_rows(&self) -> Vec<Vec<f64>> {
+        self.p.chunks_exact(self.agents).map(<[f64]>::to_vec).collect()
     }
 
     /// Reads a matrix for a team of `agents` from a file, see [`CommunicationMatrix::parse`].
@@ -72,7 +94,31 @@ fn parse_entry(entry: &str, receiver: usize, sender: usize) -> Result<f64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Links;
+    use super::super::testing::{STEPS, rows_of};
     use super::*;
+
+    #[test]
+    fn realised_rates_follow_the_matrix() {
+        let text = "1 0.9 0\n0.1 1 0.5\n1 0.3 1\n";
+        let matrix = Arc::new(CommunicationMatrix::parse(text, 3).unwrap());
+        let mut links = Links::chain(vec![Box::new(Matrix(matrix.clone()))]).unwrap();
+        let (mut delivered, n) = ([[0u32; 3]; 3], 400 * (STEPS - 1));
+        for episode in 0..400 {
+            for step in 1..STEPS {
+                for (i, row) in rows_of(&mut links, episode, step, 3).iter().enumerate() {
+                    (0..3).for_each(|j| delivered[i][j] += (row >> j & 1) as u32);
+                }
+            }
+        }
+        for (i, row) in delivered.iter().enumerate() {
+            for (j, count) in row.iter().enumerate() {
+                let (p, rate) = (matrix.p(i, j), f64::from(*count) / n as f64);
+                let sigma = (p * (1.0 - p) / n as f64).sqrt();
+                assert!((rate - p).abs() <= 5.0 * sigma, "C[{i}][{j}] = {p}, realised {rate}");
+            }
+        }
+    }
 
     #[test]
     fn blanks_commas_and_comments_are_read() {

@@ -32,7 +32,7 @@ impl Observer for Recorder {
     fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
         self.playing.clear();
         for (world, number) in (0..stage.worlds()).zip(stage.tick().episode..) {
-            let (episode, p) = (Some(number), stage.links().level(number));
+            let (episode, p) = (Some(number), stage.level(number));
             self.playing.push(Episode { episode, p, ..Episode::begin(stage.environment().state(world)) });
         }
         Ok(())

@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::{Decisions, Observer, Stage, Team, signals};
 use crate::base::error::Result;
 use crate::environment::Environment;
-use crate::link::LinkModel;
+use crate::link::Links;
 
 /// The one episode driver: worlds and links, in which a [`Team`] plays while [`Observer`]s look on.
 #[derive(Debug)]
@@ -16,7 +16,7 @@ pub struct Session {
 
 impl Session {
     /// A session in all worlds of an environment.
-    pub fn new(environment: Box<dyn Environment>, links: LinkModel, seed: u64) -> Session {
+    pub fn new(environment: Box<dyn Environment>, links: Links, seed: u64) -> Session {
         Session { stage: Stage::new(environment, links, seed), decisions: Decisions::default() }
     }
 
@@ -63,7 +63,7 @@ impl Session {
             if observers.iter().any(|observer| observer.has_seen_enough()) {
                 return Ok(());
             }
-            stage.draw_links();
+            stage.draw_links()?;
             let exchange = Instant::now();
             team.tick(&stage.tick(), decisions)?;
             let exchange = exchange.elapsed();
@@ -73,7 +73,7 @@ impl Session {
             stage.sense()?;
         }
         if observers.iter().any(|observer| observer.wants_last_tick()) {
-            stage.draw_links();
+            stage.draw_links()?;
             team.tick(&stage.tick(), decisions)?;
             observers.iter_mut().try_for_each(|observer| observer.last_ticked(stage, decisions))?;
         }

@@ -4,16 +4,17 @@ use std::fmt;
 
 use super::{Decisions, Tick};
 use crate::base::error::Result;
-use crate::base::rng::MAX_AGENTS;
 use crate::environment::{End, Environment, Outcome, Spec};
-use crate::link::LinkModel;
+use crate::link::{Address, Context, Fates, Links};
 
 /// Parallel worlds that play consecutive episodes, step by step together. Episodes may end early: a world that is
 /// done idles until all of them are.
 pub struct Stage {
     environment: Box<dyn Environment>,
     spec: Spec,
-    links: LinkModel,
+    links: Links,
+    /// What becomes of what is sent in one world.
+    fates: Fates,
     seed: u64,
     /// Episode of world 0; world w plays episode + w.
     episode: u64,
@@ -35,9 +36,10 @@ pub struct Stage {
 
 impl Stage {
     /// A stage of all worlds of an environment.
-    pub fn new(environment: Box<dyn Environment>, links: LinkModel, seed: u64) -> Stage {
+    pub fn new(environment: Box<dyn Environment>, links: Links, seed: u64) -> Stage {
         Stage {
             spec: environment.spec().clone(),
+            fates: Fates::new(environment.spec().n_agents()),
             environment,
             links,
             seed,
@@ -69,9 +71,9 @@ impl Stage {
         &*self.environment
     }
 
-    /// The links.
-    pub fn links(&self) -> &LinkModel {
-        &self.links
+    /// The one probability with which every link delivers in an episode, if there is one.
+    pub fn level(&self, episode: u64) -> Option<f64> {
+        self.links.level_of(self.seed, episode)
     }
 
     /// The number of worlds in which an episode has begun.
@@ -128,6 +130,7 @@ impl Stage {
         self.step = 0;
         for (world, episode) in (0..worlds).zip(self.episode..) {
             self.environment.reset(world, self.seed, episode)?;
+            self.links.begin(world, episode);
         }
         let rows = self.spec.n_agents() * worlds;
         self.rows.resize(rows, 0);
@@ -148,16 +151,23 @@ impl Stage {
     }
 
     /// Draws who receives whom.
-    pub fn draw_links(&mut self) {
+    ///
+    /// # Errors
+    /// What the links fail with.
+    pub fn draw_links(&mut self) -> Result<()> {
         let (agents, worlds) = (self.spec.n_agents(), self.worlds());
-        let mut rows = [0; MAX_AGENTS];
+        let bytes = self.spec.padded_obs_dim() * size_of::<f32>();
         for world in 0..worlds {
-            self.links.rows(self.episode + world as u64, self.step.into(), &mut rows[..agents]);
-            for (agent, row) in rows[..agents].iter().enumerate() {
-                self.rows[agent * worlds + world] = *row;
+            let (episode, step) = (self.episode + world as u64, self.step.into());
+            let address = Address { seed: self.seed, position: 0, episode, step };
+            let positions = Some(self.environment.positions(world)).filter(|places| !places.is_empty());
+            self.links.deliveries(&Context { address, world, bytes, positions }, &mut self.fates)?;
+            for agent in 0..agents {
+                self.rows[agent * worlds + world] = self.fates.row(agent);
             }
         }
         self.tick += 1;
+        Ok(())
     }
 
     /// What the team is given at this step.

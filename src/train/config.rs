@@ -12,7 +12,7 @@ use crate::agent::ImputerName;
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
 use crate::environment::Task;
-use crate::link::{LinkModel, Links};
+use crate::link::{Links, Uniform};
 use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing};
 use crate::usage;
 
@@ -226,17 +226,16 @@ impl Config {
     }
 
     /// The links while the policy trains.
-    pub fn links(&self) -> LinkModel {
-        let links = match self.train_p {
-            TrainP::Level(p) => Links::Level(p),
-            TrainP::Mode(TrainMode::Uniform) => Links::Uniform,
-        };
-        LinkModel::new(links, self.seed, true)
+    pub fn links(&self) -> Links {
+        match self.train_p {
+            TrainP::Level(p) => Links::level(p),
+            TrainP::Mode(TrainMode::Uniform) => Links::from(Uniform),
+        }
     }
 
     /// Whether all observations are delivered while the policy trains.
     pub fn everything_arrives(&self) -> bool {
-        self.links().is_lossless()
+        self.train_p == TrainP::Level(1.0)
     }
 
     /// What imputes while the policy trains: nothing has to where everything is delivered.

@@ -6,7 +6,7 @@ use super::Batch;
 use crate::agent::JointLayout;
 use crate::base::error::Result;
 use crate::environment::{End, Environment};
-use crate::link::LinkModel;
+use crate::link::Links;
 use crate::supervisor::{Decisions, Observer, Session, Stage, Team};
 
 /// Parallel worlds whose episodes go into a [`Batch`]: episode e is column `e % batch.episodes`, so a batch of
@@ -20,12 +20,7 @@ pub struct Rollout {
 
 impl Rollout {
     /// Rollouts in all worlds of an environment, the first of which plays `first_episode`.
-    pub fn new(
-        environment: Box<dyn Environment>,
-        links: LinkModel,
-        seed: u64,
-        first_episode: u64,
-    ) -> Rollout {
+    pub fn new(environment: Box<dyn Environment>, links: Links, seed: u64, first_episode: u64) -> Rollout {
         let worlds = environment.worlds();
         assert!(worlds > 0, "a rollout has worlds");
         let session = Session::new(environment, links, seed).starting_at(first_episode);

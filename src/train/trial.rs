@@ -9,7 +9,7 @@ use crate::base::error::Result;
 use crate::base::stats::{mean, std};
 use crate::base::threads::side_by_side;
 use crate::environment::Task;
-use crate::link::{LinkModel, Links};
+use crate::link::Links;
 use crate::nn::Policy;
 use crate::supervisor::{InProcess, Ledger, Session};
 
@@ -81,7 +81,7 @@ fn play(
         worlds: config.test_episodes.min(WORLDS) as usize,
     };
     let first = FIRST_EPISODE + row as u64 * config.test_episodes;
-    let links = LinkModel::new(Links::Level(level), config.seed, true);
+    let links = Links::level(level);
     let environment = task.environment(settings.worlds);
     let mut session = Session::new(environment, links, config.seed).starting_at(first);
     let (mut team, mut ledger) = (InProcess::new(&settings, policy)?, Ledger::default());

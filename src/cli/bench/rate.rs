@@ -14,7 +14,7 @@ use crate::base::stats::{ci95, mean};
 use crate::bus::Wait;
 use crate::cli::{probability, rate, table, tell};
 use crate::environment::Task;
-use crate::link::{LinkModel, Links};
+use crate::link::Links;
 use crate::nn::Policy;
 use crate::plot::{Figure, Panel, Point, Series};
 use crate::supervisor::{
@@ -139,8 +139,7 @@ impl BenchRate {
 
     fn play(&self, task: &Task, p: f64, team: &mut impl Team) -> Result<Statistics> {
         const SEED: u64 = 0;
-        let mut session =
-            Session::new(task.environment(1), LinkModel::new(Links::Level(p), SEED, true), SEED);
+        let mut session = Session::new(task.environment(1), Links::level(p), SEED);
         let mut ledger = Ledger::default();
         session.play(team, self.episodes, &mut [&mut ledger])?;
         Ok(ledger.into_statistics())

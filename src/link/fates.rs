@@ -1,0 +1,87 @@
+//! What becomes of the observations that are sent.
+
+/// The fates of all observations that are sent at one step in one world, from each sender to each receiver.
+///
+/// All begin as delivered at once, and links only take away from that: they lose an observation, or postpone it. What is
+/// lost stays lost, and delays add up, which is why links can stand in a chain. An agent's own observation needs no link:
+/// it is there at once, whatever a link says of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fates {
+    agents: usize,
+    /// Ticks from sending to arrival, `[receiver, sender]`, or [`LOST`].
+    ticks: Vec<u8>,
+}
+
+/// The fate of what never arrives.
+const LOST: u8 = u8::MAX;
+
+impl Fates {
+    /// Everything is delivered at once in a team of `agents`.
+    pub fn new(agents: usize) -> Fates {
+        Fates { agents, ticks: vec![0; agents * agents] }
+    }
+
+    /// Begins anew: everything is delivered at once.
+    pub fn deliver_all(&mut self) {
+        self.ticks.fill(0);
+    }
+
+    /// Size of the team.
+    pub fn agents(&self) -> usize {
+        self.agents
+    }
+
+    /// After how many ticks `receiver` receives what `sender` sends now; `None` for never.
+    pub fn delay(&self, receiver: usize, sender: usize) -> Option<u8> {
+        let ticks = self.ticks[receiver * self.agents + sender];
+        (ticks != LOST).then_some(ticks)
+    }
+
+    /// `receiver` never receives it.
+    pub fn lose(&mut self, receiver: usize, sender: usize) {
+        if receiver != sender {
+            self.ticks[receiver * self.agents + sender] = LOST;
+        }
+    }
+
+    /// `receiver` receives it so many ticks later than it would have otherwise.
+    pub fn postpone(&mut self, receiver: usize, sender: usize, ticks: u8) {
+        if let Some(before) = self.delay(receiver, sender).filter(|_| receiver != sender) {
+            self.ticks[receiver * self.agents + sender] = before.saturating_add(ticks).min(LOST - 1);
+        }
+    }
+
+    /// Bit j tells whether `receiver` receives j's observation, now or later.
+    pub fn row(&self, receiver: usize) -> u64 {
+        let senders = self.ticks[receiver * self.agents..][..self.agents].iter().enumerate();
+        senders.fold(0, |row, (sender, ticks)| row | u64::from(*ticks != LOST) << sender)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_only_take_away() {
+        let mut fates = Fates::new(3);
+        fates.postpone(0, 1, 2);
+        fates.postpone(0, 1, 3);
+        fates.lose(2, 1);
+        fates.postpone(2, 1, 1);
+        assert_eq!([fates.delay(0, 1), fates.delay(2, 1), fates.delay(1, 0)], [Some(5), None, Some(0)]);
+        assert_eq!([0, 1, 2].map(|receiver| fates.row(receiver)), [0b111, 0b111, 0b101]);
+        fates.postpone(0, 1, 254);
+        assert_eq!(fates.delay(0, 1), Some(254), "late beyond counting is not lost");
+        fates.deliver_all();
+        assert_eq!(fates, Fates::new(3));
+    }
+
+    #[test]
+    fn an_own_observation_needs_no_link() {
+        let mut fates = Fates::new(2);
+        fates.lose(1, 1);
+        fates.postpone(0, 0, 4);
+        assert_eq!(fates, Fates::new(2));
+    }
+}

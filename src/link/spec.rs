@@ -1,0 +1,279 @@
+//! Links as text says them: `gilbert(0.1, 0.3) + delay(1)`.
+
+use std::fmt;
+use std::path::Path;
+
+use super::registry::{Argument, Domain, MODELS, Model, Parameter};
+use super::{CommunicationMatrix, Links};
+use crate::base::error::Result;
+use crate::usage;
+
+/// Models of the registry in a chain, each with its arguments: data, of which links are built.
+#[derive(Clone, Debug)]
+pub struct LinkSpec {
+    /// There is at least one.
+    parts: Vec<Part>,
+}
+
+#[derive(Clone, Debug)]
+struct Part {
+    model: &'static Model,
+    /// One for each parameter.
+    arguments: Vec<Argument>,
+}
+
+impl LinkSpec {
+    /// Reads models with their arguments in parentheses, in order or by name (`level(p=0.5)`), and `+` between them,
+    /// for a team of `agents`. The path of an existing file alone is a `matrix` of it.
+    ///
+    /// # Errors
+    /// `Usage` if there is no such model, its arguments are wrong, or the links cannot be built.
+    pub fn parse(text: &str, agents: usize) -> Result<LinkSpec> {
+        let text = text.trim();
+        if Path::new(text).is_file() {
+            return LinkSpec::of(&format!("matrix({text})"), agents);
+        }
+        split(text, '+')
+            .into_iter()
+            .map(|part| LinkSpec::of(part, agents))
+            .reduce(|chain, part| chain?.then(part?))
+            .expect("text has at least one part")
+    }
+
+    /// Every link delivers with probability p.
+    ///
+    /// # Errors
+    /// `Usage` if it is none.
+    pub fn level(p: f64) -> Result<LinkSpec> {
+        LinkSpec::parse(&format!("level({p})"), 1)
+    }
+
+    /// These links, and others behind them.
+    ///
+    /// # Errors
+    /// `Usage` if together they postpone too much.
+    pub fn then(mut self, behind: LinkSpec) -> Result<LinkSpec> {
+        self.parts.extend(behind.parts);
+        self.try_build()?;
+        Ok(self)
+    }
+
+    /// The links, as they are before the first episode.
+    pub fn build(&self) -> Links {
+        self.try_build().expect("links that have been read can be built")
+    }
+
+    /// The p of links that are `level(p)` and nothing else.
+    pub fn p(&self) -> Option<f64> {
+        self.alone("level").map(Argument::number)
+    }
+
+    /// The rows of links that are `matrix(FILE)` and nothing else.
+    pub fn matrix(&self) -> Option<&CommunicationMatrix> {
+        self.alone("matrix").map(|argument| &**argument.matrix())
+    }
+
+    /// What recordings call the links: the name of a model whose p or matrix they hold beside it, else all of the text.
+    pub fn recorded_name(&self) -> String {
+        match self.p().is_some() || self.matrix().is_some() {
+            true => self.parts[0].model.name.to_owned(),
+            false => self.to_string(),
+        }
+    }
+
+    /// What the links do, for people.
+    pub fn about(&self) -> String {
+        match &self.parts[..] {
+            [part] if part.arguments.iter().all(|argument| matches!(argument, Argument::Matrix(_))) => {
+                part.model.about.to_owned()
+            }
+            _ => self.to_string(),
+        }
+    }
+
+    /// One part: a name, and arguments in parentheses.
+    fn of(text: &str, agents: usize) -> Result<LinkSpec> {
+        let (name, inside) = match text.split_once('(') {
+            None => (text, None),
+            Some((name, rest)) => match rest.strip_suffix(')') {
+                Some(inside) => (name.trim_end(), Some(inside)),
+                None => return Err(usage!("links `{text}`: a `)` is missing at the end")),
+            },
+        };
+        let model = MODELS.iter().find(|model| model.name == name).ok_or_else(|| unknown(name))?;
+        let arguments = read(model, inside.unwrap_or_default(), agents)
+            .map_err(|e| usage!("links `{text}`: {e}; expected {}: {}", model.signature(), model.about))?;
+        let spec = LinkSpec { parts: vec![Part { model, arguments }] };
+        spec.try_build().map_err(|e| usage!("links `{text}`: {e}"))?;
+        Ok(spec)
+    }
+
+    fn try_build(&self) -> Result<Links> {
+        let parts = self.parts.iter().map(|Part { model, arguments }| (model.build)(arguments));
+        Links::chain(parts.collect::<Result<_>>()?)
+    }
+
+    /// The argument of a model of this name that stands alone.
+    fn alone(&self, name: &str) -> Option<&Argument> {
+        match &self.parts[..] {
+            [Part { model, arguments }] if model.name == name => arguments.first(),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for LinkSpec {
+    /// As it is read, but for the path of a matrix.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        for (position, Part { model, arguments }) in self.parts.iter().enumerate() {
+            let numbers = arguments.iter().filter_map(|argument| match argument {
+                Argument::Number(value) => Some(value.to_string()),
+                Argument::Matrix(_) => None,
+            });
+            let numbers: Vec<String> = numbers.collect();
+            let numbers =
+                if numbers.is_empty() { String::new() } else { format!("({})", numbers.join(", ")) };
+            write!(f, "{}{}{numbers}", if position == 0 { "" } else { " + " }, model.name)?;
+        }
+        Ok(())
+    }
+}
+
+/// The arguments of a model: one for each parameter, in order.
+fn read(model: &Model, text: &str, agents: usize) -> Result<Vec<Argument>> {
+    let mut found: Vec<Option<&str>> = vec![None; model.parameters.len()];
+    let written = match model.parameters {
+        _ if text.trim().is_empty() => Vec::new(),
+        // A path may hold anything.
+        [Parameter { domain: Domain::Matrix, .. }] => vec![text.trim()],
+        _ => split(text, ','),
+    };
+    for (at, written) in written.into_iter().enumerate() {
+        let named = written.split_once('=').map(|(name, value)| (name.trim(), value.trim()));
+        let position = |name: &str| model.parameters.iter().position(|parameter| parameter.name == name);
+        let (at, value) = match named.map(|(name, value)| (position(name), name, value)) {
+            Some((Some(at), _, value)) => (at, value),
+            Some((None, name, _)) if !Path::new(written).is_file() => {
+                return Err(usage!("there is no parameter `{name}`"));
+            }
+            _ => (at, written),
+        };
+        match found.get_mut(at) {
+            None => return Err(usage!("`{value}` is one argument too many")),
+            Some(Some(_)) => return Err(usage!("`{}` is given twice", model.parameters[at].name)),
+            Some(free) => *free = Some(value),
+        }
+    }
+    let argument =
+        |(Parameter { name, domain, default }, text): (&Parameter, Option<&str>)| match (text, default) {
+            (Some(text), _) => domain.read(text, agents).map_err(|e| usage!("{name}: {e}")),
+            (None, Some(default)) => Ok(Argument::Number(*default)),
+            (None, None) => Err(usage!("`{name}` is missing")),
+        };
+    model.parameters.iter().zip(found).map(argument).collect()
+}
+
+/// The parts between separators that do not stand in parentheses, without blanks around them.
+fn split(text: &str, separator: char) -> Vec<&str> {
+    let mut depth = 0usize;
+    let parts = text.split(move |character| {
+        match character {
+            '(' => depth += 1,
+            ')' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        character == separator && depth == 0
+    });
+    parts.map(str::trim).collect()
+}
+
+fn unknown(name: &str) -> crate::base::error::Error {
+    let likeness = |model: &&Model| strsim::jaro_winkler(name, model.name);
+    let nearest = MODELS.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b))).expect("there are models");
+    let signatures: Vec<String> = MODELS.iter().map(Model::signature).collect();
+    usage!(
+        "there are no links `{name}`, and no file of that name; the nearest is `{}`, and there are {}",
+        nearest.name,
+        signatures.join(", ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{STEPS, rows};
+    use super::*;
+
+    #[test]
+    fn links_are_read_as_they_are_written() {
+        for (text, canonical) in [
+            ("level(0.50)", "level(0.5)"),
+            (" level ( p = 0.5 ) ", "level(0.5)"),
+            ("uniform", "uniform"),
+            ("uniform()+level(1)", "uniform + level(1)"),
+            ("dynamic + level(0.25)+asymmetric", "dynamic + level(0.25) + asymmetric"),
+        ] {
+            let spec = LinkSpec::parse(text, 3).unwrap();
+            assert_eq!(spec.to_string(), canonical);
+            assert_eq!(LinkSpec::parse(canonical, 3).unwrap().to_string(), canonical);
+        }
+        assert_eq!(LinkSpec::parse("level(0.3)", 2).unwrap().p(), Some(0.3));
+        assert_eq!(LinkSpec::parse("level(0.3) + level(0.3)", 2).unwrap().p(), None);
+        assert_eq!(LinkSpec::level(0.1).unwrap().recorded_name(), "level");
+    }
+
+    #[test]
+    fn a_file_is_a_matrix_by_itself_and_in_a_chain() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("who (a=b, c+d).txt");
+        std::fs::write(&file, "1 0\n1 1\n").unwrap();
+        let path = file.display();
+        let alone = LinkSpec::parse(&path.to_string(), 2).unwrap();
+        assert_eq!((alone.recorded_name(), alone.matrix().unwrap().p(0, 1)), ("matrix".to_owned(), 0.0));
+        let error = LinkSpec::parse(&path.to_string(), 3).unwrap_err().to_string();
+        assert!(error.contains("3 agents need 3 rows"), "{error}");
+        let plain = folder.path().join("matrix.txt");
+        std::fs::rename(&file, &plain).unwrap();
+        let chain = format!("level(1) + matrix({})", plain.display());
+        assert_eq!(rows(&chain, 0, 1, 2), [0b01, 0b11]);
+    }
+
+    #[test]
+    fn what_is_delivered_is_what_all_deliver_by_draws_of_their_own() {
+        let (mut alone, mut both) = (0, 0);
+        for step in 1..STEPS {
+            let [a, twice] = ["level(0.5)", "level(0.5) + level(0.5)"].map(|text| rows(text, 4, step, 6));
+            let three = rows("level(0.5) + level(0.5) + uniform", 4, step, 6);
+            for ((a, twice), three) in a.iter().zip(&twice).zip(&three) {
+                assert_eq!((twice & !a, three & !twice), (0, 0), "behind a link nothing comes back");
+                alone += a.count_ones();
+                both += twice.count_ones();
+            }
+        }
+        let others = |count: u32| f64::from(count - 6 * 24) / (30.0 * 24.0);
+        // Five sigma of 720 draws are 0.09 and 0.08.
+        assert!((others(alone) - 0.5).abs() < 0.09 && (others(both) - 0.25).abs() < 0.08);
+    }
+
+    #[test]
+    fn wrong_links_say_what_would_be_right() {
+        for (text, words) in [
+            ("levle(0.5)", "no links `levle`, and no file of that name; the nearest is `level`"),
+            ("", "there are no links ``"),
+            ("level(0.5) +", "there are no links ``"),
+            ("level", "`p` is missing; expected level(p)"),
+            ("level()", "`p` is missing"),
+            ("level(2)", "p: `2` is not a probability from 0 to 1"),
+            ("level(nan)", "p: `nan` is not a probability"),
+            ("level(0.5, 1)", "`1` is one argument too many"),
+            ("level(0.5, p=1)", "`p` is given twice"),
+            ("level(q=1)", "there is no parameter `q`"),
+            ("level(0.5", "a `)` is missing"),
+            ("uniform(1)", "`1` is one argument too many; expected uniform"),
+            ("matrix(no such file)", "no such file"),
+        ] {
+            let error = LinkSpec::parse(text, 2).unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{text}");
+            assert!(error.to_string().contains(words), "{text}: {error}");
+        }
+    }
+}
