@@ -210,7 +210,10 @@ mod tests {
             ("simplespread", "there are hear-see, speaker-listener, spread-xy-2"),
             ("", "there is no task ``; there are"),
             ("xx", "there is no task `xx`; there are"),
-            ("sch\u{f6}n", "spread-xy-N (N even, from 2 to 64) and spread-blindfold-N (N from 1 to 64)"),
+            (
+                "sch\u{f6}n",
+                "spread-xy-N (N even, from 2 to 64), spread-blindfold-N (N from 1 to 64), simple-spread-N",
+            ),
         ];
         for (name, words) in expected {
             let error = Task::parse(name).unwrap_err();

@@ -134,7 +134,7 @@ impl<T: Thrust> World for SimpleSpread<T> {
         let seen = landmarks.iter().chain(others.map(|(_, place)| place));
         let (pairs, _) = rest.as_chunks_mut();
         let mut pairs = pairs.iter_mut();
-        for (pair, place) in pairs.by_ref().zip(seen) {
+        for (place, pair) in seen.zip(pairs.by_ref()) {
             *pair = (*place - here).as_vec2().to_array();
         }
         pairs.for_each(|silence| *silence = [0.0; 2]);
