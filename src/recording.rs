@@ -116,6 +116,15 @@ pub enum Action {
     Box(Vec<f32>),
 }
 
+impl std::fmt::Display for Action {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Action::Discrete(action) => write!(f, "{action}"),
+            Action::Box(values) => write!(f, "{values:?}"),
+        }
+    }
+}
+
 impl Action {
     /// What these words mean as an action of `space`.
     pub fn of(space: &ActionSpace, words: &[u32]) -> Action {

@@ -61,10 +61,14 @@ fn check_team(task: &Task, recording: &Recording) -> std::result::Result<(), Str
             found.0, found.1, spec.id, expected.0, expected.1
         ));
     }
+    if header.episode_steps != spec.episode_steps {
+        let (found, expected) = (header.episode_steps, spec.episode_steps);
+        return Err(format!("its episodes have up to {found} steps, those of {} {expected}", spec.id));
+    }
     let mut actions =
         recording.episodes.iter().flat_map(|e| &e.actions).flat_map(|team| team.iter().zip(&spec.agents));
     match actions.find(|(action, agent)| !agent.actions.contains(&action.words(0))) {
-        Some((action, agent)) => Err(format!("{} has no action {action:?}", agent.name)),
+        Some((action, agent)) => Err(format!("{} has no action {action}", agent.name)),
         None => Ok(()),
     }
 }
