@@ -115,7 +115,7 @@ fn settings(kind: ActorKind) -> Settings {
 
 fn agents(worlds: usize) -> AgentSettings {
     AgentSettings {
-        imputer: ImputerName::Predictor("value-aware".to_owned()),
+        imputer: "value-aware".to_owned(),
         policy: PolicySource::Training,
         seed: SEED,
         worlds,
