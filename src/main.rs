@@ -4,7 +4,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
-use vamaro_swarm::cli::Cli;
+use vamaro_swarm::cli::{Cli, exit_code};
 
 fn main() -> ExitCode {
     vamaro_swarm::run_if_agent();
@@ -13,7 +13,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // Where stderr cannot be written the exit code says it all.
             let _ = writeln!(std::io::stderr(), "error: {error}");
-            ExitCode::from(error.exit_code())
+            ExitCode::from(exit_code(&error))
         }
     }
 }

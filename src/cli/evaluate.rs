@@ -305,18 +305,14 @@ impl Evaluate {
 
     /// Says what is kept of a sweep that did not come to its end.
     fn where_it_stands(&self, error: Error) -> Error {
-        match (error, &self.report) {
-            (Error::Interrupted(words), Some(folder)) => Error::Interrupted(format!(
-                "{words}; finished cells are kept in {}, the same command goes on",
-                folder.display()
-            )),
-            (Error::Interrupted(words), None) => {
-                Error::Interrupted(format!("{words}; with --report DIR finished cells would be kept"))
+        match (&error, &self.report) {
+            (Error::Interrupted(_), Some(folder)) => error
+                .and(format!("finished cells are kept in {}, the same command goes on", folder.display())),
+            (Error::Interrupted(_), None) => {
+                error.and("with --report DIR finished cells would be kept".to_owned())
             }
-            (Error::Failed(words), Some(folder)) => {
-                Error::Failed(format!("{words}; finished cells are kept in {}", folder.display()))
-            }
-            (error, _) => error,
+            (_, Some(folder)) => error.and(format!("finished cells are kept in {}", folder.display())),
+            (_, None) => error,
         }
     }
 }

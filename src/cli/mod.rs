@@ -126,6 +126,21 @@ impl Cli {
     }
 }
 
+/// The exit code the program ends with on this error.
+pub fn exit_code(error: &Error) -> u8 {
+    match error {
+        Error::Usage(_) => 2,
+        Error::Unmet(_) => 3,
+        Error::Interrupted(_) => 130,
+        Error::Remarked { source, .. } => exit_code(source),
+        Error::File { .. }
+        | Error::Lost { .. }
+        | Error::Bus { .. }
+        | Error::Outside(_)
+        | Error::Failed(_) => 1,
+    }
+}
+
 /// The command line without what is not for it.
 fn visible_commands() -> clap::Command {
     let all = Cli::command();

@@ -26,7 +26,8 @@ impl Setup {
     /// For a team of `agents`: `spread-blindfold` has a task for any.
     pub fn new(agents: usize) -> Result<Setup> {
         let task = Task::parse(&format!("spread-blindfold-{agents}"))?;
-        let folder = tempfile::tempdir().map_err(|e| Error::io("make", &std::env::temp_dir(), e.kind()))?;
+        let folder = tempfile::tempdir()
+            .map_err(|e| Error::io("make", &std::env::temp_dir(), std::io::Error::from(e.kind())))?;
         let path = folder.path().join("policy.safetensors");
         Policy::untrained(&dims(task.spec()), 0, Networks::paper(paper_actor(task.spec())))?.save(&path)?;
         Ok(Setup { task, policy: path, _folder: folder })

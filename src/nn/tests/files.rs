@@ -52,7 +52,7 @@ fn usage(bytes: &[u8], words: &str) {
 #[track_caller]
 fn failed(bytes: &[u8], words: &str) {
     let error = open(bytes);
-    assert!(matches!(error, Error::Failed(_)) && error.to_string().contains(words), "{error:?}");
+    assert!(matches!(error, Error::File { .. }) && error.to_string().contains(words), "{error:?}");
 }
 
 #[test]
@@ -166,7 +166,7 @@ fn unwritable() {
     let policy = policy(ActorKind::Mlp, Sharing::Separate);
     for path in [folder.path().join("no/such/folder/p"), folder.path().to_path_buf()] {
         let error = policy.save(&path).unwrap_err();
-        assert!(matches!(&error, Error::Failed(words) if words.contains("cannot write")), "{error:?}");
+        assert!(matches!(&error, Error::File { what, .. } if what == "write"), "{error:?}");
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
