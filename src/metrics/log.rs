@@ -271,10 +271,7 @@ mod tests {
         let (_folder, mut log) = run(1);
         log.csv = Growing::open(PathBuf::from("/dev/full")).unwrap();
         let error = log.push(500, &[None, None]).unwrap_err();
-        assert!(
-            !matches!(error, Error::Usage(_)) && error.to_string().contains("No space left"),
-            "{error}"
-        );
+        assert!(!matches!(error, Error::Usage(_)) && error.to_string().contains("No space left"), "{error}");
         assert_eq!(log.rows(), 1);
     }
 }
