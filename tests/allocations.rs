@@ -9,7 +9,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::time::Duration;
 
-use vamaro_swarm::agent::{Agent, AgentSettings, Member, PolicySource, Sensed, dims};
+use vamaro_swarm::agent::{Agent, AgentSettings, Member, PolicySource, Registry, Sensed, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{
     AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
@@ -197,7 +197,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
 /// Not a test: what the agents of the one below run. No test may have its name as a part of its own.
 #[test]
 fn agent() {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&Registry::default());
 }
 
 /// A team that notes how many allocations there have been when a tick of it begins and when it ends.
