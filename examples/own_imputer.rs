@@ -4,8 +4,8 @@
 //!
 //! The agents are processes of this very program: each runs `main` as far as `run_if_agent`, which knows the imputer too.
 
+use vamaro_swarm::agent::Inbox;
 use vamaro_swarm::agent::imputer::{Carried, Imputer, Registry, Setup, Step};
-use vamaro_swarm::agent::{Inbox, PolicySource};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::{Swarm, run_if_agent};
 
@@ -35,9 +35,8 @@ fn main() -> Result<()> {
     run_if_agent(&registry);
 
     for imputer in ["fade", "hold", "zero"] {
-        let builder = Swarm::builder().environment("spread-xy-4").policy(PolicySource::Builtin);
-        let mut swarm =
-            builder.links("level(0.2)").imputer(imputer).registry(&registry).worlds(10).build()?;
+        let builder = Swarm::builder().environment("spread-xy-4").links("level(0.2)").worlds(10);
+        let mut swarm = builder.imputer(imputer).registry(&registry).build()?;
         println!("{imputer}: return {:.1}", swarm.play(100)?.return_mean());
     }
     Ok(())
