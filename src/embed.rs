@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use crate::agent::Registry;
 use crate::agent::process::{self, ProcessSettings};
 use crate::base::error::Result;
 use crate::failed;
@@ -14,8 +15,9 @@ const SETTINGS: &str = "{\"address\":";
 /// Runs an agent if this process was started for that, and never returns then. Otherwise notes that this program can be
 /// an agent, without which it starts no swarm of processes.
 ///
-/// This comes first in `main`: what stands before it each agent does too.
-pub fn run_if_agent() {
+/// This comes first in `main`: what stands before it each agent does too. An agent finds its imputer in `registry`, which
+/// must therefore be that of the [`Swarm`](crate::Swarm).
+pub fn run_if_agent(registry: &Registry) {
     AgentCommand::allow_this_program();
     let words: Vec<_> = std::env::args_os().rev().take(2).collect();
     let [settings, what] = words.as_slice() else { return };
@@ -24,7 +26,11 @@ pub fn run_if_agent() {
     let settings: Result<ProcessSettings> = serde_json::from_str(settings).map_err(|e| {
         failed!("this program is no agent for the one that started it, which is another version: {e}")
     });
-    std::process::exit(match settings.and_then(|settings| process::run(&settings)) {
+    let run = |mut settings: ProcessSettings| {
+        settings.settings.registry = registry.clone();
+        process::run(&settings)
+    };
+    std::process::exit(match settings.and_then(run) {
         Ok(()) => 0,
         Err(error) => {
             // Where stderr cannot be written nobody can be told.

@@ -8,6 +8,47 @@
 //!          -> imputer (joint estimate) -> policy -> action -> world -> reward
 //! ```
 //!
+//! # A swarm in 20 lines
+//!
+//! A team of four plays a hundred episodes over links that lose most of what is sent:
+//!
+//! ```
+//! use vamaro_swarm::agent::Registry;
+//! use vamaro_swarm::base::error::Result;
+//! use vamaro_swarm::{Swarm, run_if_agent};
+//!
+//! fn main() -> Result<()> {
+//!     // First thing: agents are processes of this very program.
+//!     let registry = Registry::default();
+//!     run_if_agent(&registry);
+//!
+//!     let builder = Swarm::builder()
+//!         .environment("spread-xy-4")
+//!         .links("gilbert(0.6, 0.2) + level(0.9)")
+//!         .imputer("hold")
+//!         .registry(&registry)
+//!         .seed(1);
+//!     // Without this line, each agent is a process. The results are the same, bit for bit.
+//!     let builder = builder.in_process();
+//!     let mut swarm = builder.build()?;
+//!     let statistics = swarm.play(100)?;
+//!     println!("return {:.1} +- {:.1}", statistics.return_mean(), statistics.return_ci95().unwrap_or(0.0));
+//!     # assert_eq!(statistics.episodes().len(), 100);
+//!     Ok(())
+//! }
+//! ```
+//!
+//! What is played, over which links, and what stands for what is lost can all be your own: an
+//! [`Environment`](environment::Environment) (or a [`World`](environment::World), of which batches are made), a
+//! [`Link`](link::Link), an [`Imputer`](agent::Imputer) in the registry. `examples/` has a program for each. An
+//! [`Observer`](supervisor::Observer) looks on while episodes are played ([`Swarm::play_before`]). Who needs other parts
+//! puts them together as [`Swarm`] does: a [`Session`](supervisor::Session) plays with a [`Team`](supervisor::Team).
+//!
+//! A swarm ends when it is dropped, and its agents end with the program whatever happens. SIGINT, SIGTERM and SIGHUP stop a
+//! play in order once [`signals::install`](supervisor::signals::install) has been called; nothing needs it otherwise.
+//!
+//! # Rooms
+//!
 //! The rooms follow the way of one observation; each depends only on those above it.
 //!
 //! | room | what is in it |
@@ -31,6 +72,7 @@
 #![warn(clippy::unwrap_used)]
 
 mod embed;
+mod swarm;
 
 pub mod agent;
 pub mod base;
@@ -49,3 +91,4 @@ pub mod train;
 pub mod verify;
 
 pub use embed::run_if_agent;
+pub use swarm::{LinkChoice, Place, Swarm, SwarmBuilder};

@@ -4,16 +4,17 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
-use vamaro_swarm::cli::Cli;
+use vamaro_swarm::agent::Registry;
+use vamaro_swarm::cli::{Cli, exit_code};
 
 fn main() -> ExitCode {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&Registry::default());
     match Cli::parse().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Where stderr cannot be written the exit code says it all.
             let _ = writeln!(std::io::stderr(), "error: {error}");
-            ExitCode::from(error.exit_code())
+            ExitCode::from(exit_code(&error))
         }
     }
 }

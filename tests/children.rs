@@ -3,22 +3,27 @@
 
 mod common;
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::error::Error as _;
 use std::time::Duration;
 
 use common::{assert_gone, swarm_of};
 use rustix::process::{Pid, Signal, kill_process};
-use vamaro_swarm::agent::AgentSettings;
+use vamaro_swarm::agent::{AgentSettings, PolicySource, Registry};
 use vamaro_swarm::base::error::{Error, Result};
-use vamaro_swarm::environment::Task;
+use vamaro_swarm::environment::{
+    About, ActionSpace, Actions, AgentSpec, End, Spec, State, Task, Value, World, Worlds,
+};
 use vamaro_swarm::link::Links;
-use vamaro_swarm::supervisor::{Conduct, Deadlines, Decisions, Observer, Processes, Session, Stage};
+use vamaro_swarm::supervisor::{
+    AgentCommand, Conduct, Deadlines, Decisions, Observer, Processes, Session, Stage, Statistics,
+};
+use vamaro_swarm::{Swarm, SwarmBuilder};
 
 /// Not a test: what the agents of the others run. None of those may have its name as a part of theirs, or agents
 /// would run them too.
 #[test]
 fn agent() {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&Registry::default());
 }
 
 fn conduct() -> Conduct {
@@ -103,19 +108,98 @@ fn one_that_hangs_is_found_by_the_deadline_there_is() {
     assert_gone(&processes, &tag);
 }
 
+/// A world of one that stands still, and fails or panics in the third episode.
+struct Fragile {
+    episode: u64,
+    breaks: fn() -> Result<End>,
+}
+
+impl World for Fragile {
+    fn reset(&mut self, _seed: u64, episode: u64) -> Result<()> {
+        self.episode = episode;
+        Ok(())
+    }
+
+    fn observe(&self, _agent: usize, out: &mut [f32]) {
+        out.fill(0.5);
+    }
+
+    fn step(&mut self, _actions: Actions, rewards: &mut [f64]) -> Result<End> {
+        rewards.fill(1.0);
+        if self.episode == 2 { (self.breaks)() } else { Ok(End::Open) }
+    }
+
+    fn set_state(&mut self, _state: &State, _last_actions: Option<Actions>) -> Result<()> {
+        Ok(())
+    }
+}
+
+fn fragile(breaks: fn() -> Result<End>) -> SwarmBuilder {
+    let value = Value::word(About::Message);
+    let agent =
+        AgentSpec { name: "lonely".to_owned(), observation: vec![value], actions: ActionSpace::Discrete(2) };
+    let world = Worlds::new(Spec::of("fragile", vec![agent]), 1, move |_| Fragile { episode: 0, breaks });
+    let builder = Swarm::builder().environment(world).policy(PolicySource::Untrained(1));
+    builder.agent_command(AgentCommand::new("/proc/self/exe"))
+}
+
+#[test]
+fn an_environment_that_fails_or_panics_takes_the_swarm_down_and_keeps_what_was_counted() {
+    let fails: fn() -> Result<End> = || Err(Error::outside(std::io::Error::from_raw_os_error(28)));
+    let panics: fn() -> Result<End> = || panic!("division by zero");
+    for breaks in [fails, panics] {
+        let mut swarm = fragile(breaks).build().unwrap();
+        let (agents, tag) = swarm_of(swarm.processes().unwrap());
+        assert_eq!(swarm.play(1).unwrap().episodes().len(), 1);
+        let error = swarm.play(9).unwrap_err();
+        let of_the_disk = error.source().and_then(|source| source.downcast_ref::<std::io::Error>());
+        let panicked = error.to_string().contains("panicked (division by zero)");
+        assert!(panicked || of_the_disk.and_then(|e| e.raw_os_error()) == Some(28), "{error:?}");
+        assert_gone(&agents, &tag);
+        assert_eq!(swarm.statistics().episodes().len(), 2);
+        let again = swarm.play(1).unwrap_err().to_string();
+        assert!(again.contains("taken down"), "{again}");
+    }
+}
+
 #[test]
 fn an_observer_that_fails_or_panics_leaves_nothing_behind() {
-    let fails = || Err(Error::Failed("the disk is full".to_owned()));
-    let panics = || panic!("a bug of the observer");
-    let acts: [&dyn Fn() -> Result<()>; 2] = [&fails, &panics];
-    for act in acts {
-        let (mut swarm, mut session) = start(conduct());
-        let (processes, tag) = swarm_of(&swarm);
-        let mut observer = At { step: 7, act };
-        let played = catch_unwind(AssertUnwindSafe(move || {
-            session.play(&mut swarm, 1, &mut [&mut observer]).unwrap_err().to_string()
-        }));
-        assert!(played.is_err() || played.is_ok_and(|error| error == "the disk is full"));
-        assert_gone(&processes, &tag);
+    let fails: fn() -> Result<()> = || Err(Error::Failed("the disk is full".to_owned()));
+    let panics: fn() -> Result<()> = || panic!("a bug of the observer");
+    for (act, saying) in [(fails, "the disk is full"), (panics, "panicked (a bug of the observer)")] {
+        let mut swarm = fragile(|| Ok(End::Open)).build().unwrap();
+        let (agents, tag) = swarm_of(swarm.processes().unwrap());
+        let error = swarm.play_before(1, &mut [&mut At { step: 7, act }]).unwrap_err().to_string();
+        assert!(error.contains(saying), "{error}");
+        assert_gone(&agents, &tag);
     }
+}
+
+#[test]
+fn a_swarm_plays_the_same_whatever_its_agents_are() {
+    let builder = || Swarm::builder().environment("hear-see").links("level(0.3)").seed(3).worlds(2);
+    let command = AgentCommand::new("/proc/self/exe");
+    let mut processes = builder().agent_command(command).build().unwrap();
+    let mut here = builder().in_process().build().unwrap();
+    let returns = |statistics: &Statistics| {
+        let episodes = statistics.episodes().iter();
+        episodes.map(|episode| (episode.episode_return.to_bits(), episode.delivered)).collect::<Vec<_>>()
+    };
+    assert_eq!(returns(processes.play(5).unwrap()), returns(here.play(5).unwrap()));
+    // It goes on where it was.
+    assert_eq!(returns(processes.play(1).unwrap()), returns(here.play(1).unwrap()));
+    assert_eq!(here.statistics().episodes().len(), 6);
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_before_anything_starts() {
+    let refused = |builder: SwarmBuilder, words: &str| {
+        let error = builder.build().err().expect("it makes no sense");
+        assert!(matches!(error, Error::Usage(_)) && error.to_string().contains(words), "{error:?}");
+    };
+    refused(Swarm::builder().environment("hear-sea"), "did you mean `hear-see`?");
+    refused(Swarm::builder().links("gilbrt(0.1, 0.3)"), "gilbert");
+    refused(Swarm::builder().imputer("hlod"), "hold");
+    refused(Swarm::builder().worlds(0), "1 or more worlds");
+    refused(Swarm::builder().rate(f64::NAN), "ticks a second");
 }

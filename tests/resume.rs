@@ -18,6 +18,15 @@ fn start(words: &str, out: &Path) -> std::process::Child {
     command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null()).spawn().unwrap()
 }
 
+/// Waits until a run has learned: then there is a row after that of the beginning.
+fn await_learning(out: &Path) {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while fs::read_to_string(out.join("metrics.csv")).map_or(0, |text| text.lines().count()) < 3 {
+        assert!(Instant::now() < deadline, "the run does not learn");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
 #[test]
 fn a_run_that_is_killed_again_and_again_ends_as_if_it_had_not_been() {
     let folder = Folder::new();
@@ -127,7 +136,7 @@ fn an_agent_that_dies_stops_the_run_and_loses_nothing() {
     let out = folder.path("killed");
     let swarm = Swarm::of(&format!("train {SMALL} {words} --out {}", out.display()));
     let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
-    std::thread::sleep(Duration::from_millis(100));
+    await_learning(&out);
     kill_process(agents[1], Signal::KILL).unwrap();
     let (code, _, stderr) = swarm.wait();
     assert_eq!(code, Some(1), "{stderr}");
@@ -143,12 +152,7 @@ fn interrupting_keeps_what_was_learned() {
     let out = folder.path("run");
     let swarm = Swarm::of(&format!("train {SMALL} --steps 100M --out {}", out.display()));
     let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
-    // It has learned once there is a row after that of the beginning.
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while fs::read_to_string(out.join("metrics.csv")).is_ok_and(|text| text.lines().count() < 3) {
-        assert!(Instant::now() < deadline, "the run does not learn");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    await_learning(&out);
     swarm.signal_supervisor(Signal::TERM);
     let (code, _, stderr) = swarm.wait();
     assert_eq!(code, Some(130), "{stderr}");

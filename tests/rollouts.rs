@@ -7,7 +7,7 @@ mod common;
 
 use common::{assert_gone, swarm_of};
 use rustix::process::{Signal, kill_process};
-use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource, dims};
+use vamaro_swarm::agent::{AgentSettings, PolicySource, Registry, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::Links;
@@ -27,7 +27,7 @@ const SEED: u64 = 4;
 /// would run them too.
 #[test]
 fn agent() {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&Registry::default());
 }
 
 /// How swarms of this binary run.
@@ -93,8 +93,8 @@ impl Case {
 
     fn settings(&self, worlds: usize) -> AgentSettings {
         let imputer = match self.p {
-            1.0 => ImputerName::Hold,
-            _ => ImputerName::Predictor("value-aware".to_owned()),
+            1.0 => "hold".to_owned(),
+            _ => "value-aware".to_owned(),
         };
         let policy = PolicySource::Training;
         AgentSettings { imputer, policy, seed: SEED, worlds, ..AgentSettings::of(self.task.spec()) }

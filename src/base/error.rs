@@ -1,38 +1,71 @@
-//! What can go wrong, and the exit code it ends with.
+//! What can go wrong, by what a caller can do about it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// An error with the words a user needs: what, where, and what to do next.
-///
-/// The variants are the exit codes of the program, because that is what a caller can act on.
+/// An error with the words a user needs: what, where, and what to do next. Its source, where there is one, is part of them.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The command line or a file it names asks for something impossible (exit code 2).
+    /// What was asked for is impossible: ask for something else.
     #[error("{0}")]
     Usage(String),
-    /// The request was sound, but carrying it out failed (exit code 1).
+    /// Something cannot be done with a file or folder: look at it.
+    #[error("cannot {what} {}: {source}", path.display())]
+    File {
+        /// Such as `read`.
+        what: String,
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: Source,
+    },
+    /// Processes of a swarm have died, or do not answer: start another swarm.
+    #[error("{} {how}", names.join(", "))]
+    Lost {
+        /// The processes, such as `agent-1`.
+        names: Vec<String>,
+        /// What has become of them.
+        how: String,
+    },
+    /// The shared memory of a swarm cannot be used: see what `vamaro-swarm doctor` finds.
+    #[error("shared memory: cannot {what}: {source:?}")]
+    Bus {
+        /// Such as `create a node`.
+        what: String,
+        /// Why.
+        source: Source,
+    },
+    /// An environment, a link, an imputer or an observer from outside has failed.
+    #[error("{0}")]
+    Outside(#[source] Source),
+    /// Something else went wrong while a sound request was carried out.
     #[error("{0}")]
     Failed(String),
-    /// Everything was carried out, but a requirement of the caller is not met (exit code 3).
+    /// Everything was carried out, but a requirement of the caller is not met.
     #[error("{0}")]
     Unmet(String),
-    /// A signal asked the program to stop; everything was taken down first (exit code 130).
+    /// A signal asked the program to stop; everything was taken down first.
     #[error("{0}")]
     Interrupted(String),
+    /// An error, and where that leaves things.
+    #[error("{source}; {remark}")]
+    Remarked {
+        /// The error.
+        source: Box<Error>,
+        /// Such as what is kept.
+        remark: String,
+    },
 }
+
+/// What lies behind an error.
+pub type Source = Box<dyn std::error::Error + Send + Sync>;
 
 /// The result of anything that can fail with an [`enum@Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// The exit code a program ends with on this error.
-    pub fn exit_code(&self) -> u8 {
-        match self {
-            Error::Failed(_) => 1,
-            Error::Usage(_) => 2,
-            Error::Unmet(_) => 3,
-            Error::Interrupted(_) => 130,
-        }
+    /// An error of an environment, a link, an imputer or an observer of one's own.
+    pub fn outside(source: impl Into<Source>) -> Error {
+        Error::Outside(source.into())
     }
 
     /// The file at `path`, which the user has named, cannot be opened: typed wrong if it is not there.
@@ -44,8 +77,17 @@ impl Error {
     }
 
     /// A failure while doing `what` to the file at `path`.
-    pub fn io(what: &str, path: &Path, source: impl std::fmt::Display) -> Error {
-        Error::Failed(format!("cannot {what} {}: {source}", path.display()))
+    pub fn io(what: &str, path: &Path, source: impl Into<Source>) -> Error {
+        Error::File { what: what.to_owned(), path: path.to_owned(), source: source.into() }
+    }
+
+    /// Adds to what went wrong, or was interrupted, where that leaves things.
+    pub fn and(self, remark: String) -> Error {
+        match self {
+            Error::Usage(_) | Error::Unmet(_) => self,
+            Error::Interrupted(words) => Error::Interrupted(format!("{words}; {remark}")),
+            source => Error::Remarked { source: Box::new(source), remark },
+        }
     }
 }
 
@@ -59,4 +101,29 @@ macro_rules! usage {
 #[macro_export]
 macro_rules! failed {
     ($($words:tt)*) => { $crate::base::error::Error::Failed(format!($($words)*)) };
+}
+
+#[cfg(test)]
+mod tests {
+    use std::error::Error as _;
+
+    use super::*;
+
+    #[test]
+    fn sources_are_kept_through_remarks() {
+        let full = || std::io::Error::from_raw_os_error(28);
+        let error = Error::io("write", Path::new("/a/b"), full()).and("the last one stays".to_owned());
+        assert_eq!(error.to_string(), format!("cannot write /a/b: {}; the last one stays", full()));
+        let source = error.source().and_then(|file| file.source()).expect("a file's error has a source");
+        let io = source.downcast_ref::<std::io::Error>().expect("it is that of the system");
+        assert_eq!(io.raw_os_error(), Some(28));
+    }
+
+    #[test]
+    fn what_was_asked_for_and_interruptions_keep_their_kind() {
+        let remark = || "finished cells are kept".to_owned();
+        assert!(matches!(Error::Usage("no".into()).and(remark()), Error::Usage(words) if words == "no"));
+        let interrupted = Error::Interrupted("interrupted".into()).and(remark());
+        assert!(matches!(interrupted, Error::Interrupted(words) if words.ends_with("kept")));
+    }
 }

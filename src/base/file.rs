@@ -64,9 +64,13 @@ impl AtomicFile {
     /// Puts the complete file in its place.
     pub fn commit(self) -> Result<()> {
         let AtomicFile { writer, path } = self;
-        let file = writer.into_inner().map_err(|e| Error::io("write", &path, e.error().kind()))?;
-        file.as_file().sync_all().map_err(|e| Error::io("write", &path, e.kind()))?;
-        file.persist(&path).map(drop).map_err(|e| Error::io("write", &path, e.error.kind()))
+        let file = writer
+            .into_inner()
+            .map_err(|e| Error::io("write", &path, std::io::Error::from(e.error().kind())))?;
+        file.as_file().sync_all().map_err(|e| Error::io("write", &path, std::io::Error::from(e.kind())))?;
+        file.persist(&path)
+            .map(drop)
+            .map_err(|e| Error::io("write", &path, std::io::Error::from(e.error.kind())))
     }
 }
 

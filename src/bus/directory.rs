@@ -96,7 +96,8 @@ pub fn leftovers(clean: bool) -> Result<Vec<Leftover>> {
 pub fn check_writable() -> Result<()> {
     make_base()?;
     for folder in [Path::new(SHARED_MEMORY), &base_directory()] {
-        tempfile::tempfile_in(folder).map_err(|e| Error::io("write to", folder, e.kind()))?;
+        tempfile::tempfile_in(folder)
+            .map_err(|e| Error::io("write to", folder, std::io::Error::from(e.kind())))?;
     }
     Ok(())
 }

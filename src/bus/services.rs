@@ -13,8 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::directory::{prefix_of, root_of};
 use super::{Header, Layout};
-use crate::base::error::{Error, Result};
-use crate::failed;
+use crate::base::error::{Error, Result, Source};
 
 /// Samples of one publisher that a receiver can hold: the one in its inbox and the one replacing it.
 const BORROWED: usize = 2;
@@ -239,6 +238,6 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName> {
 }
 
 /// Turns an error of iceoryx2 into ours.
-pub(crate) fn bus_error<E: std::fmt::Debug>(what: &str) -> impl Fn(E) -> Error + use<'_, E> {
-    move |e| failed!("shared memory: cannot {what}: {e:?}")
+pub(crate) fn bus_error<E: Into<Source>>(what: &str) -> impl Fn(E) -> Error + use<'_, E> {
+    move |e| Error::Bus { what: what.to_owned(), source: e.into() }
 }

@@ -131,6 +131,23 @@ pub enum PaperSetting {
 }
 
 impl Spec {
+    /// An environment of these agents, all of whose values are theirs: episodes of 25 steps of 0.1 s, whose return is the
+    /// sum of what agents earn, without landmarks and places.
+    pub fn of(id: &str, agents: Vec<AgentSpec>) -> Spec {
+        Spec {
+            id: id.to_owned(),
+            unique: agents.iter().map(|agent| agent.observation.len()).max().unwrap_or(0),
+            agents,
+            common: Vec::new(),
+            landmarks: 0,
+            episode_steps: 25,
+            dt: 0.1,
+            team_reward: TeamReward::Sum,
+            paper: PaperSetting::One,
+            positions: false,
+        }
+    }
+
     /// The id.
     pub fn id(&self) -> &str {
         &self.id

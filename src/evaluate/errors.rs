@@ -6,7 +6,7 @@ use super::evaluation::{AgeErrors, Calibration, UnitErrors};
 use crate::agent::JointLayout;
 use crate::base::error::Result;
 use crate::environment::{Spec, Unit, Value};
-use crate::nn::{LstmState, Policy, Predictor, Scratch, Sigma};
+use crate::nn::{Dims, LstmState, Policy, Predictor, Scratch, Sigma};
 use crate::supervisor::{Decisions, Observer, Stage, Tick};
 
 /// Half the width of the central 50 % and 95 % intervals of a normal distribution, in sigma.
@@ -39,6 +39,9 @@ pub(super) struct ErrorLedger {
 #[derive(Debug)]
 struct Expectation {
     predictor: Predictor,
+    dims: Dims,
+    /// What each row's agent does, by its number among the team's actions.
+    acts: Vec<usize>,
     state: LstmState,
     scratch: Scratch,
     /// `[agents, worlds, 2, predicted]`.
@@ -52,6 +55,8 @@ impl ErrorLedger {
     pub(super) fn new(spec: &Spec, policy: &Policy, imputer: &str) -> ErrorLedger {
         let expectation = policy.predictor(imputer).map(|predictor| Expectation {
             predictor: predictor.clone(),
+            dims: policy.dims().clone(),
+            acts: Vec::new(),
             state: predictor.state(0),
             scratch: Scratch::default(),
             out: Vec::new(),
@@ -94,7 +99,7 @@ impl ErrorLedger {
             }
         }
         if let Some(expectation) = &mut self.expectation {
-            expectation.step(&self.layout, &self.ages, &decisions.estimates);
+            expectation.step(&self.layout, &self.ages, decisions, tick.worlds);
         }
     }
 
@@ -161,10 +166,13 @@ impl Observer for ErrorLedger {
 impl Expectation {
     /// Adds the variance of the change that the predictor expects from here to the next step. What was received
     /// has none of its own.
-    fn step(&mut self, layout: &JointLayout, ages: &[Option<usize>], estimates: &[f32]) {
+    fn step(&mut self, layout: &JointLayout, ages: &[Option<usize>], decisions: &Decisions, worlds: usize) {
         let predicted = layout.predicted();
-        let rows = estimates.len() / layout.joint();
-        self.predictor.step(rows, estimates, &mut self.state, &mut self.scratch, &mut self.out);
+        let Expectation { predictor, dims, acts, state, scratch, out, .. } = self;
+        acts.clear();
+        let actions = decisions.actions.iter().enumerate();
+        acts.extend(actions.map(|(row, action)| dims.act(row / worlds, *action as usize)));
+        predictor.step(layout.agents * worlds, &decisions.estimates, acts, state, scratch, out);
         let Sigma::Exp = self.predictor.spec().sigma;
         let outs = self.out.chunks_exact(2 * predicted);
         for ((row, variances), out) in self.variances.chunks_exact_mut(predicted).enumerate().zip(outs) {

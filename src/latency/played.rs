@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 use super::pin::Pinned;
-use crate::agent::{AgentSettings, ImputerName, PREFERRED, PolicySource, dims, paper_actor};
+use crate::agent::{AgentSettings, PREFERRED, PolicySource, dims, paper_actor};
 use crate::base::error::{Error, Result};
 use crate::bus::Wait;
 use crate::environment::Task;
@@ -26,7 +26,8 @@ impl Setup {
     /// For a team of `agents`: `spread-blindfold` has a task for any.
     pub fn new(agents: usize) -> Result<Setup> {
         let task = Task::parse(&format!("spread-blindfold-{agents}"))?;
-        let folder = tempfile::tempdir().map_err(|e| Error::io("make", &std::env::temp_dir(), e.kind()))?;
+        let folder = tempfile::tempdir()
+            .map_err(|e| Error::io("make", &std::env::temp_dir(), std::io::Error::from(e.kind())))?;
         let path = folder.path().join("policy.safetensors");
         Policy::untrained(&dims(task.spec()), 0, Networks::paper(paper_actor(task.spec())))?.save(&path)?;
         Ok(Setup { task, policy: path, _folder: folder })
@@ -61,7 +62,7 @@ impl Played {
     pub fn start(setup: &Setup, worlds: usize, wait: Wait) -> Result<Played> {
         let task = &setup.task;
         let policy = PolicySource::File(setup.policy.clone());
-        let imputer = ImputerName::Predictor(PREFERRED.to_owned());
+        let imputer = PREFERRED.to_owned();
         let settings = AgentSettings { policy, imputer, worlds, ..AgentSettings::of(task.spec()) };
         let team = Processes::start(&settings, &settings.policy.load(task.spec())?, wait)?;
         let links = Links::level(1.0);

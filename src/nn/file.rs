@@ -184,7 +184,7 @@ pub(crate) fn write_tensors(
             }
         })
     };
-    put().map_err(|error| Error::io("write", path, error.kind()))?;
+    put().map_err(|error| Error::io("write", path, std::io::Error::from(error.kind())))?;
     file.commit()
 }
 

@@ -123,7 +123,8 @@ impl ChildProcess {
         let last_words = last_words
             .map(|line| format!("; it said: {}", line.trim_start_matches("error: ")))
             .unwrap_or_default();
-        failed!("{} (process {}) {how}{last_words}", self.name, self.child.id())
+        let how = format!("(process {}) {how}{last_words}", self.child.id());
+        Error::Lost { names: vec![self.name.clone()], how }
     }
 }
 

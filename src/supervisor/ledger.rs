@@ -26,6 +26,11 @@ impl<'a> Ledger<'a> {
         Ledger { told: Some(Box::new(told)), ..Ledger::default() }
     }
 
+    /// What has been counted so far: finished episodes, but all ticks.
+    pub fn statistics(&self) -> &Statistics {
+        &self.statistics
+    }
+
     /// What was counted: finished episodes, but all ticks.
     pub fn into_statistics(self) -> Statistics {
         self.statistics

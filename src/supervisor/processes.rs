@@ -11,14 +11,13 @@ use super::needs::{allow_open_files, check_shared_memory, share_weights};
 use super::{Decisions, Punctuality, Team, Tick, check_weights, signals};
 use crate::agent::process::ProcessSettings;
 use crate::agent::{AgentSettings, PolicySource};
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::scheduling::{Granted, Grants, Scheduling, allowed_cores};
 use crate::bus::{
     Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
     now_ns, wait_for_moment, wait_until, wake_on_time, wake_supervisor,
 };
 use crate::environment::Spec;
-use crate::failed;
 use crate::nn::Policy;
 
 /// A running swarm. Dropping it ends the agents and leaves nothing behind.
@@ -237,8 +236,8 @@ impl Processes {
             return Ok(());
         }
         let missing = (0..self.agents.len()).filter(|agent| self.answered >> agent & 1 == 0);
-        let missing: Vec<String> = missing.map(|agent| format!("agent-{agent}")).collect();
-        Err(failed!("{} did not {what} within {longest:?}; ending the swarm", missing.join(", ")))
+        let names = missing.map(|agent| format!("agent-{agent}")).collect();
+        Err(Error::Lost { names, how: format!("did not {what} within {longest:?}; ending the swarm") })
     }
 
     /// All agents, bit by bit.

@@ -162,11 +162,7 @@ impl Run {
         };
         let on =
             format!("{kept}; go on with `vamaro-swarm train --resume --out {}`", self.folder().display());
-        Err(match stopped {
-            Error::Interrupted(_) => Error::Interrupted(format!("interrupted; {on}")),
-            Error::Failed(why) => Error::Failed(format!("{why}; {on}")),
-            other => other,
-        })
+        Err(stopped.and(on))
     }
 
     fn play_and_learn(

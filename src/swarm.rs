@@ -1,0 +1,308 @@
+//! A swarm for a program of one's own: built from what it plays, with whom, and how.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use crate::agent::{AgentSettings, PolicySource, Registry};
+use crate::base::error::{Error, Result};
+use crate::base::scheduling::Scheduling;
+use crate::bus::Wait;
+use crate::environment::{Environment, Spec, Task};
+use crate::failed;
+use crate::link::{Link, LinkSpec, Links};
+use crate::supervisor::{
+    AgentCommand, Conduct, Deadlines, InProcess, Ledger, Observer, Processes, Session, Statistics,
+};
+
+/// A swarm that plays episodes. Dropping it ends its agents and leaves nothing behind.
+///
+/// It stays in the thread that built it. Its agents end with the process, not with that thread.
+pub struct Swarm {
+    session: Session,
+    ledger: Ledger<'static>,
+    agents: Agents,
+}
+
+enum Agents {
+    Processes(Box<Processes>),
+    Here(Box<InProcess>),
+    /// Taken down, after a failure.
+    Gone,
+}
+
+/// What a [`Swarm`] is built from. Whatever is not said is as `vamaro-swarm spawn` has it.
+#[derive(Debug)]
+pub struct SwarmBuilder {
+    place: Place,
+    links: LinkChoice,
+    policy: PolicySource,
+    imputer: Option<String>,
+    registry: Registry,
+    greedy: bool,
+    seed: u64,
+    worlds: usize,
+    in_process: bool,
+    conduct: Conduct,
+}
+
+/// What is played: the name of a task, a [`Task`], or an [`Environment`] of one's own.
+#[derive(Debug)]
+pub struct Place(Played);
+
+enum Played {
+    Name(String),
+    Task(Task),
+    Environment(Box<dyn Environment>),
+}
+
+/// Which links there are: words such as `gilbert(0.1, 0.3) + delay(1)`, [`Links`], or a [`Link`] of one's own.
+#[derive(Debug)]
+pub struct LinkChoice(Linked);
+
+#[derive(Debug)]
+enum Linked {
+    Words(String),
+    Links(Links),
+}
+
+impl Swarm {
+    /// Begins to build a swarm.
+    pub fn builder() -> SwarmBuilder {
+        SwarmBuilder {
+            place: "hear-see".into(),
+            links: "level(1)".into(),
+            policy: PolicySource::Builtin,
+            imputer: None,
+            registry: Registry::default(),
+            greedy: false,
+            seed: 0,
+            worlds: 1,
+            in_process: false,
+            conduct: Conduct::default(),
+        }
+    }
+
+    /// Plays so many more episodes; what has been counted of all so far.
+    ///
+    /// # Errors
+    /// Whatever the environment, the links or the agents fail with. The swarm has been taken down then.
+    pub fn play(&mut self, episodes: u64) -> Result<&Statistics> {
+        self.play_before(episodes, &mut [])
+    }
+
+    /// The same, while these look on.
+    ///
+    /// # Errors
+    /// As [`Swarm::play`]; whatever an observer fails with.
+    pub fn play_before(&mut self, episodes: u64, observers: &mut [&mut dyn Observer]) -> Result<&Statistics> {
+        let Swarm { session, ledger, agents } = self;
+        let mut all: Vec<&mut dyn Observer> = vec![ledger];
+        all.extend(observers.iter_mut().map(|observer| &mut **observer as &mut dyn Observer));
+        let end = session.next_episode().saturating_add(episodes);
+        // What has panicked is not looked at again, but for what the ledger has counted of episodes before.
+        let played = catch_unwind(AssertUnwindSafe(|| match agents {
+            Agents::Processes(team) => session.play(&mut **team, end, &mut all),
+            Agents::Here(team) => session.play(&mut **team, end, &mut all),
+            Agents::Gone => Err(failed!("this swarm was taken down after a failure; build another one")),
+        }));
+        let played = played.unwrap_or_else(|panic| Err(Error::outside(words_of(&*panic))));
+        if played.is_err() {
+            self.agents = Agents::Gone;
+        }
+        played.map(|()| self.ledger.statistics())
+    }
+
+    /// What has been counted of the episodes so far.
+    pub fn statistics(&self) -> &Statistics {
+        self.ledger.statistics()
+    }
+
+    /// The agents, if they are processes.
+    pub fn processes(&self) -> Option<&Processes> {
+        match &self.agents {
+            Agents::Processes(team) => Some(team),
+            Agents::Here(_) | Agents::Gone => None,
+        }
+    }
+}
+
+/// What a panic said.
+fn words_of(panic: &(dyn std::any::Any + Send)) -> String {
+    let words = panic.downcast_ref::<String>().map(String::as_str);
+    let words = words.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("nothing was said");
+    format!("the environment, a link or an observer panicked ({words}); the swarm has been taken down")
+}
+
+impl SwarmBuilder {
+    /// What is played.
+    pub fn environment(self, place: impl Into<Place>) -> SwarmBuilder {
+        SwarmBuilder { place: place.into(), ..self }
+    }
+
+    /// The links between the agents.
+    pub fn links(self, links: impl Into<LinkChoice>) -> SwarmBuilder {
+        SwarmBuilder { links: links.into(), ..self }
+    }
+
+    /// Where the policy comes from.
+    pub fn policy(self, policy: PolicySource) -> SwarmBuilder {
+        SwarmBuilder { policy, ..self }
+    }
+
+    /// What stands for lost observations, by its name in the registry or among the predictors of the policy.
+    pub fn imputer(self, name: impl Into<String>) -> SwarmBuilder {
+        SwarmBuilder { imputer: Some(name.into()), ..self }
+    }
+
+    /// The imputers there are: the registry that [`run_if_agent`](crate::run_if_agent) is given.
+    pub fn registry(self, registry: &Registry) -> SwarmBuilder {
+        SwarmBuilder { registry: registry.clone(), ..self }
+    }
+
+    /// Takes the most probable action instead of sampling.
+    pub fn greedy(self) -> SwarmBuilder {
+        SwarmBuilder { greedy: true, ..self }
+    }
+
+    /// The seed of every random draw.
+    pub fn seed(self, seed: u64) -> SwarmBuilder {
+        SwarmBuilder { seed, ..self }
+    }
+
+    /// The number of parallel worlds, unless the environment has its own.
+    pub fn worlds(self, worlds: usize) -> SwarmBuilder {
+        SwarmBuilder { worlds, ..self }
+    }
+
+    /// Runs the same agents without processes; same results, bit for bit.
+    pub fn in_process(self) -> SwarmBuilder {
+        SwarmBuilder { in_process: true, ..self }
+    }
+
+    /// How processes wait for each other.
+    pub fn wait(mut self, wait: Wait) -> SwarmBuilder {
+        self.conduct.wait = wait;
+        self
+    }
+
+    /// Plays against the clock, with so many ticks a second.
+    pub fn rate(mut self, rate: f64) -> SwarmBuilder {
+        self.conduct.rate = Some(rate);
+        self
+    }
+
+    /// What processes ask the kernel for.
+    pub fn scheduling(mut self, scheduling: Scheduling) -> SwarmBuilder {
+        self.conduct.scheduling = scheduling;
+        self
+    }
+
+    /// How long processes may take for what.
+    pub fn deadlines(mut self, deadlines: Deadlines) -> SwarmBuilder {
+        self.conduct.deadlines = deadlines;
+        self
+    }
+
+    /// The program to run for an agent instead of this one.
+    pub fn agent_command(mut self, command: AgentCommand) -> SwarmBuilder {
+        self.conduct.command = Some(command);
+        self
+    }
+
+    /// Starts the swarm: returns when all its agents are ready.
+    ///
+    /// # Errors
+    /// `Usage` if what was said makes no sense, such as a task, a model of links or an imputer that is not there; `Failed` if
+    /// agents are to be processes of this program, which has not called [`run_if_agent`](crate::run_if_agent); and whatever
+    /// starting them fails with.
+    pub fn build(self) -> Result<Swarm> {
+        if self.worlds == 0 || self.conduct.rate.is_some_and(|rate| !(rate > 0.0 && rate.is_finite())) {
+            return Err(crate::usage!(
+                "a swarm plays in 1 or more worlds, and with more than 0 ticks a second"
+            ));
+        }
+        let environment = match self.place.0 {
+            Played::Name(name) => Task::parse(&name)?.environment(self.worlds),
+            Played::Task(task) => task.environment(self.worlds),
+            Played::Environment(environment) => environment,
+        };
+        let spec = environment.spec().clone();
+        let links = self.links.build(&spec)?;
+        let policy = self.policy.load(&spec)?;
+        let settings = AgentSettings {
+            imputer: self.registry.choose(self.imputer.as_deref(), &policy)?,
+            registry: self.registry,
+            policy: self.policy,
+            greedy: self.greedy,
+            seed: self.seed,
+            worlds: environment.worlds(),
+            spec,
+        };
+        let agents = if self.in_process {
+            Agents::Here(Box::new(InProcess::new(&settings, &policy)?))
+        } else {
+            Agents::Processes(Box::new(Processes::start(&settings, &policy, self.conduct)?))
+        };
+        Ok(Swarm { session: Session::new(environment, links, self.seed), ledger: Ledger::default(), agents })
+    }
+}
+
+impl LinkChoice {
+    fn build(self, spec: &Spec) -> Result<Links> {
+        match self.0 {
+            Linked::Words(words) => LinkSpec::parse(&words, spec.n_agents()).map(|links| links.build()),
+            Linked::Links(links) => Ok(links),
+        }
+    }
+}
+
+impl From<&str> for LinkChoice {
+    fn from(words: &str) -> LinkChoice {
+        LinkChoice(Linked::Words(words.to_owned()))
+    }
+}
+
+impl From<Links> for LinkChoice {
+    fn from(links: Links) -> LinkChoice {
+        LinkChoice(Linked::Links(links))
+    }
+}
+
+impl<L: Link + 'static> From<L> for LinkChoice {
+    fn from(link: L) -> LinkChoice {
+        LinkChoice(Linked::Links(link.into()))
+    }
+}
+
+impl From<&str> for Place {
+    fn from(name: &str) -> Place {
+        Place(Played::Name(name.to_owned()))
+    }
+}
+
+impl From<Task> for Place {
+    fn from(task: Task) -> Place {
+        Place(Played::Task(task))
+    }
+}
+
+impl<E: Environment + 'static> From<E> for Place {
+    fn from(environment: E) -> Place {
+        Place(Played::Environment(Box::new(environment)))
+    }
+}
+
+impl From<Box<dyn Environment>> for Place {
+    fn from(environment: Box<dyn Environment>) -> Place {
+        Place(Played::Environment(environment))
+    }
+}
+
+impl std::fmt::Debug for Played {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Played::Name(name) => write!(f, "{name}"),
+            Played::Task(task) => write!(f, "{}", task.id()),
+            Played::Environment(environment) => write!(f, "{}", environment.spec().id),
+        }
+    }
+}
