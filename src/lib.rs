@@ -61,9 +61,9 @@
 //! | [`agent`] | the agent's side: inbox, imputer, policy, process |
 //! | [`recording`] | recorded episodes |
 //! | [`supervisor`] | launches agents, plays episodes in lockstep or by the clock, watches and reaps |
-//! | [`train`] | how a team learns: actors, critics, predictors, one update |
 //! | [`metrics`] | what a training run writes down as it goes |
 //! | [`plot`] | charts as SVG |
+//! | [`train`] | how a team learns: actors, critics, predictors, one update |
 //! | [`evaluate`] | how robust frozen policies are: sweeps, statistics, a report |
 //! | [`latency`] | how long hops, ticks and decisions take, beside what others do |
 //! | [`verify`] | recomputes recorded episodes and updates |

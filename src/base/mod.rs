@@ -3,7 +3,6 @@
 pub mod distribution;
 pub mod error;
 pub mod file;
-pub mod machine;
 pub mod nearest;
 pub mod rng;
 pub mod scheduling;

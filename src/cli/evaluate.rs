@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
+use super::machine;
 use super::train::threads;
 use super::{imputer_help, policy_source, print, tell};
 use crate::agent::{PolicySource, Registry};
 use crate::base::error::{Error, Result};
-use crate::base::machine;
 use crate::bus::Wait;
 use crate::environment::Task;
 use crate::evaluate::report::{self, Provenance};

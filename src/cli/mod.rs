@@ -7,6 +7,7 @@ mod evaluate;
 mod export;
 mod import;
 mod inspect;
+mod machine;
 mod plot;
 mod reporter;
 mod spawn;

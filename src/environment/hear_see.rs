@@ -1,7 +1,7 @@
 //! Hear-see: one agent is told where the goal is, the other sees where both agents are.
 
+use super::family::{Family, Named, named};
 use super::point_mass::{Plane, Rules, worlds, write};
-use super::registry::{Family, Named, named};
 use super::{About, ActionSpace, AgentSpec, Axis, Body, PaperSetting, Physics, Spec, TeamReward, Value};
 
 pub(super) const FAMILY: Family = Family {

@@ -8,6 +8,7 @@
 //! `f64`, what agents observe is `f32`. The rules are those of the reference environments, down to the last
 //! bits: `tests/verify.rs` replays episodes recorded from them.
 
+mod family;
 mod hear_see;
 mod physics;
 mod point_mass;

@@ -1,12 +1,11 @@
 //! The registry of environments: families of tasks and what they are called.
 
-use super::{Environment, Spec};
+use super::family::{Family, Named};
+use super::{hear_see, simple_spread, speaker_listener, spread};
 use crate::base::error::{Error, Result};
 use crate::base::nearest::did_you_mean;
 use crate::base::rng::MAX_AGENTS;
 use crate::usage;
-
-use super::{hear_see, simple_spread, speaker_listener, spread};
 
 /// All families. One line each, and a file.
 #[rustfmt::skip]
@@ -18,45 +17,6 @@ pub(super) static FAMILIES: &[&Family] = &[
     &simple_spread::DISCRETE,
     &simple_spread::CONTINUOUS,
 ];
-
-/// Tasks that play by the same rules.
-#[derive(Debug)]
-pub(super) struct Family {
-    /// What the team does, in one line.
-    pub(super) summary: &'static str,
-    /// Those with names of their own, smallest team first.
-    pub(super) named: &'static [Named],
-    /// The others, if there are tasks for teams of other sizes.
-    pub(super) any_size: Option<AnySize>,
-    /// Describes the task of this id for so many agents.
-    pub(super) spec: fn(id: &str, n_agents: usize) -> Spec,
-    /// Makes so many worlds of a task.
-    pub(super) worlds: fn(spec: &Spec, worlds: usize) -> Box<dyn Environment>,
-}
-
-/// A task with a name of its own.
-#[derive(Debug)]
-pub(super) struct Named {
-    pub(super) n_agents: usize,
-    pub(super) id: &'static str,
-    /// The paper's name where it has one, then that of the reference environment.
-    pub(super) aliases: &'static [&'static str],
-    /// Whether it is what a team of its size plays where no task is named.
-    pub(super) default_for_its_size: bool,
-}
-
-/// Tasks that are called by a prefix and the size of the team.
-#[derive(Debug)]
-pub(super) struct AnySize {
-    pub(super) prefix: &'static str,
-    /// Teams are made of groups of so many agents.
-    pub(super) group: usize,
-}
-
-/// A task that is nobody's default.
-pub(super) const fn named(n_agents: usize, id: &'static str, aliases: &'static [&'static str]) -> Named {
-    Named { n_agents, id, aliases, default_for_its_size: false }
-}
 
 /// The family, the id and the team size that `name` stands for.
 pub(super) fn find(name: &str) -> Result<(&'static Family, String, usize)> {
@@ -122,19 +82,6 @@ fn unknown(name: &str) -> Error {
     let meant = did_you_mean(name, all_named().flat_map(Named::names));
     let ids = all_named().map(|named| named.id).collect::<Vec<_>>().join(", ");
     usage!("there is no task `{name}`{meant}; there are {ids}, and for other team sizes {}", other_sizes())
-}
-
-impl Named {
-    fn names(&self) -> impl Iterator<Item = &'static str> + use<> {
-        std::iter::once(self.id).chain(self.aliases.iter().copied())
-    }
-}
-
-impl AnySize {
-    fn allowed(&self) -> String {
-        let even = if self.group == 2 { "even, " } else { "" };
-        format!("{even}from {} to {MAX_AGENTS}", self.group)
-    }
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@
 
 use glam::{DVec2, dvec2};
 
+use super::family::{AnySize, Family, named};
 use super::point_mass::{Plane, write};
-use super::registry::{AnySize, Family, named};
 use super::{
     About, ActionSpace, Actions, AgentSpec, Axis, Body, End, Environment, PaperSetting, Physics, Spec, State,
     TeamReward, Value, World, Worlds,

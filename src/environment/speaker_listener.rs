@@ -1,7 +1,7 @@
 //! Speaker-listener: one agent knows the goal and cannot move, the other moves and listens.
 
+use super::family::{Family, named};
 use super::point_mass::{Plane, Rules, worlds, write};
-use super::registry::{Family, named};
 use super::{
     About, ActionSpace, Actions, AgentSpec, Axis, Body, PaperSetting, Physics, Spec, TeamReward, Value,
 };

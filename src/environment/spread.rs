@@ -4,8 +4,8 @@
 
 use glam::DVec2;
 
+use super::family::{AnySize, Family, Named, named};
 use super::point_mass::{Plane, Rules, worlds, write};
-use super::registry::{AnySize, Family, Named, named};
 use super::{About, ActionSpace, AgentSpec, Axis, Body, PaperSetting, Physics, Spec, TeamReward, Value};
 
 pub(super) const XY: Family = Family {

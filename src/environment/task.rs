@@ -3,7 +3,8 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::registry::{self, FAMILIES, Family};
+use super::family::Family;
+use super::registry::{self, FAMILIES};
 use super::{Environment, Spec};
 use crate::base::error::Result;
 

@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use crate::nn::kernels;
 
 /// Model of the CPU and the instruction set that is used of it.
-pub fn cpu() -> String {
+pub(super) fn cpu() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     let model = model.map_or(std::env::consts::ARCH, |(_, model)| model.trim());
@@ -13,7 +13,7 @@ pub fn cpu() -> String {
 }
 
 /// The day (UTC), as in 2026-02-28.
-pub fn today() -> String {
+pub(super) fn today() -> String {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     const SECONDS: u64 = 24 * 60 * 60;
     let (year, month, day) = civil(since.as_secs() / SECONDS);
