@@ -141,9 +141,9 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                 let counted = [
                     allocations(|| {
                         for agent in 0..agents {
-                            let (rows, own) =
-                                (&tick.rows[agent..=agent], tick.observation(task.spec(), agent, 0));
-                            let write = |words: &mut [u32]| layout.write_sensor(words, rows, own);
+                            let (ages, own) =
+                                (tick.arriving(agent, 0), tick.observation(task.spec(), agent, 0));
+                            let write = |words: &mut [u32]| layout.write_sensor(words, ages, own);
                             supervisor.send_sensor(agent, header, write).unwrap();
                         }
                         supervisor.wake_agents().unwrap();

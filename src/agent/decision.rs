@@ -26,6 +26,8 @@ pub struct AgentSettings {
     pub seed: u64,
     /// The most parallel worlds.
     pub worlds: usize,
+    /// The most ticks by which links may postpone an observation: it is kept for so long.
+    pub longest_delay: u8,
 }
 
 impl AgentSettings {
@@ -38,6 +40,7 @@ impl AgentSettings {
             greedy: false,
             seed: 0,
             worlds: 1,
+            longest_delay: 0,
         }
     }
 
@@ -45,6 +48,7 @@ impl AgentSettings {
     pub fn layout(&self) -> Layout {
         let spec = &self.spec;
         Layout {
+            agents: spec.n_agents(),
             observation: spec.padded_obs_dim(),
             action: spec.action_width(),
             joint: spec.joint_dim(),
@@ -62,6 +66,7 @@ pub struct Agent {
     seed: u64,
     greedy: bool,
     worlds: usize,
+    longest_delay: u8,
     imputer: Imputer,
     actor: Actor,
     parts: Parts,
@@ -103,7 +108,8 @@ impl Agent {
             seed: settings.seed,
             greedy: settings.greedy,
             worlds,
-            imputer: settings.imputer.build(policy, &spec, worlds)?,
+            longest_delay: settings.longest_delay,
+            imputer: settings.imputer.build(policy, &spec, worlds, settings.longest_delay)?,
             state: actor.state(worlds),
             scratch: Scratch::default(),
             parts: Parts {
@@ -137,6 +143,11 @@ impl Agent {
         self.worlds
     }
 
+    /// The most ticks by which links may postpone what it receives.
+    pub fn longest_delay(&self) -> u8 {
+        self.longest_delay
+    }
+
     /// The number of weights of the policy it was made from.
     pub fn policy_weights(&self) -> usize {
         self.parts.all
@@ -165,12 +176,11 @@ impl Agent {
         self.imputer.begin_episode(worlds);
     }
 
-    /// Completes what was delivered in one world to a joint estimate. Returns whose observations were
-    /// used, bit by bit.
-    pub fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox) -> u64 {
+    /// Completes what was delivered in one world to a joint estimate.
+    pub fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox) {
         let joint = self.spec.joint_dim();
         let estimate = &mut self.estimates[world * joint..(world + 1) * joint];
-        self.imputer.fuse(world, self.index, own, inbox, estimate)
+        self.imputer.fuse(world, self.index, own, inbox, estimate);
     }
 
     /// Chooses an action in each of the `worlds` worlds of the episode from the joint estimates.

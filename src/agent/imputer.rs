@@ -1,6 +1,7 @@
 //! The imputer: completes what was received to an estimate of the joint observation.
 
-use super::Inbox;
+use super::{Inbox, Past};
+use crate::bus::NOT_ARRIVED;
 use crate::environment::Spec;
 use crate::nn::{LstmState, Predictor, Scratch};
 
@@ -86,6 +87,7 @@ struct Prediction {
     scratch: Scratch,
     /// What the predictor says, `[worlds, 2, predicted]`: mean delta and raw log-std.
     out: Vec<f32>,
+    past: Past,
 }
 
 impl Imputer {
@@ -114,10 +116,21 @@ impl Imputer {
     }
 
     /// Imagines it with a predictor.
-    pub fn predict_with(predictor: Predictor, layout: JointLayout, worlds: usize) -> Imputer {
+    pub fn predict_with(
+        predictor: Predictor,
+        layout: JointLayout,
+        worlds: usize,
+        longest_delay: u8,
+    ) -> Imputer {
         let state = predictor.state(worlds);
         let out = vec![0.0; worlds * 2 * layout.predicted()];
-        let prediction = Box::new(Prediction { predictor, state, scratch: Scratch::default(), out });
+        let prediction = Box::new(Prediction {
+            predictor,
+            state,
+            scratch: Scratch::default(),
+            out,
+            past: Past::new(layout, worlds, longest_delay),
+        });
         Imputer { rule: Rule::Predict(prediction), ..Imputer::zero(layout, worlds) }
     }
 
@@ -133,25 +146,43 @@ impl Imputer {
         self.carried.fill(0.0);
         if let Rule::Predict(prediction) = &mut self.rule {
             prediction.state.start(&prediction.predictor, worlds);
+            prediction.past.begin_episode();
         }
     }
 
     /// Writes the joint estimate of `agent` in one world: its own observation and the delivered ones as
-    /// they are, the carried estimate for the others. Returns whose observations were used, bit by bit.
-    pub fn fuse(&self, world: usize, agent: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) -> u64 {
+    /// they are, the carried estimate for the others. What was made earlier and arrives only now is carried here.
+    pub fn fuse(&mut self, world: usize, agent: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         let (unique, predicted) = (self.layout.unique, self.layout.predicted());
         let carried = &self.carried[world * predicted..(world + 1) * predicted];
-        let mut used = 0;
         let known = |sender| {
             let received = match sender == agent {
                 true => Some(own),
                 false => inbox.from(sender).map(|received| received.observation),
             };
-            used |= u64::from(received.is_some()) << sender;
             received.unwrap_or(&carried[sender * unique..])
         };
         self.layout.join(known, own, estimate);
-        used
+        for sender in (0..self.layout.agents).filter(|sender| *sender != agent) {
+            let age = inbox.age(sender);
+            if age == 0 || age == NOT_ARRIVED {
+                continue;
+            }
+            let (carried, part) =
+                (&carried[sender * unique..][..unique], sender * unique..(sender + 1) * unique);
+            match &mut self.rule {
+                Rule::Zero => estimate[part].fill(0.0),
+                Rule::Hold => {}
+                Rule::Velocity(motions) => (0..age).for_each(|_| {
+                    motions.iter().filter(|motion| part.contains(&motion.place)).for_each(|motion| {
+                        estimate[motion.place] += motion.factor * estimate[motion.velocity];
+                    });
+                }),
+                Rule::Predict(prediction) => {
+                    prediction.past.correct(world, sender, age, carried, &mut estimate[part]);
+                }
+            }
+        }
     }
 
     /// Carries the joint estimates `[worlds, joint]` over to the next step.
@@ -172,6 +203,7 @@ impl Imputer {
                 }
             }
             Rule::Predict(prediction) => {
+                prediction.past.keep(estimates);
                 let deltas = prediction.step(worlds, estimates, predicted);
                 for ((carried, estimate), delta) in carried.zip(deltas) {
                     for ((carried, value), delta) in carried.iter_mut().zip(estimate).zip(delta) {
@@ -207,8 +239,7 @@ mod tests {
         let listener = [1.0, -2.0, 0.5, 0.5, 0.0, 0.0, -0.5, 0.5, 0.0, 1.0, 0.0];
         imputer.predict(1, &[speaker, listener].concat());
         let mut estimate = [0.0; 22];
-        let used = imputer.fuse(0, 0, &speaker, &Inbox::of(2, |_| None), &mut estimate);
-        assert_eq!(used, 0b01);
+        imputer.fuse(0, 0, &speaker, &Inbox::of(2, |_| None), &mut estimate);
         // Landmarks are seen from the listener: they come nearer as it moves towards them.
         let moved = [1.0, -2.0, 0.4, 0.7, -0.1, 0.2, -0.6, 0.7, 0.0, 1.0, 0.0];
         let close = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-6;

@@ -15,6 +15,7 @@ mod decision;
 mod imputer;
 mod inbox;
 mod member;
+mod past;
 pub mod process;
 mod source;
 
@@ -22,4 +23,5 @@ pub use decision::{Agent, AgentSettings};
 pub use imputer::{Imputer, JointLayout};
 pub use inbox::{Inbox, Mailbox, Received};
 pub use member::{Member, Sensed};
+pub use past::Past;
 pub use source::{BUILTIN, ImputerName, PREFERRED, PolicySource, dims, paper_actor};

@@ -144,14 +144,16 @@ impl ImputerName {
     }
 
     /// Builds it.
-    pub fn build(&self, policy: &Policy, spec: &Spec, worlds: usize) -> Result<Imputer> {
+    pub fn build(&self, policy: &Policy, spec: &Spec, worlds: usize, longest_delay: u8) -> Result<Imputer> {
         let layout = JointLayout::of(spec);
         match self {
             ImputerName::Zero => Ok(Imputer::zero(layout, worlds)),
             ImputerName::Hold => Ok(Imputer::hold(layout, worlds)),
             ImputerName::Velocity => Ok(Imputer::velocity(spec, worlds)),
             ImputerName::Predictor(name) => match policy.predictor(name) {
-                Some(predictor) => Ok(Imputer::predict_with(predictor.clone(), layout, worlds)),
+                Some(predictor) => {
+                    Ok(Imputer::predict_with(predictor.clone(), layout, worlds, longest_delay))
+                }
                 None => Err(usage!("this policy has no predictor `{name}`")),
             },
         }

@@ -149,7 +149,7 @@ impl Spawn {
         let scheduling = self.scheduling()?;
         let links = self.find_links(&task)?;
         let policy = source.load(task.spec())?;
-        let settings = self.settings(&task, source, &policy)?;
+        let settings = self.settings(&task, &links, source, &policy)?;
         let recorder = match &self.record {
             Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
             None => None,
@@ -291,7 +291,13 @@ impl Spawn {
         Ok(Scheduling { pin: self.pin, lock_memory: self.lock_memory, fifo: self.fifo })
     }
 
-    fn settings(&self, task: &Task, policy: PolicySource, loaded: &Policy) -> Result<AgentSettings> {
+    fn settings(
+        &self,
+        task: &Task,
+        links: &LinkSpec,
+        policy: PolicySource,
+        loaded: &Policy,
+    ) -> Result<AgentSettings> {
         Ok(AgentSettings {
             spec: task.spec().clone(),
             policy,
@@ -300,6 +306,7 @@ impl Spawn {
             seed: self.seed,
             // More worlds than episodes would have nothing to do.
             worlds: u64::from(self.worlds).min(self.episodes) as usize,
+            longest_delay: links.longest_delay(),
         })
     }
 

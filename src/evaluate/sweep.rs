@@ -149,6 +149,7 @@ impl Sweep {
         signals::check_stop()?;
         let Entrant { source, policy, task, .. } = job.entrant;
         let imputer = job.imputer.unwrap_or(&ImputerName::Hold);
+        let links = job.condition.links();
         let settings = AgentSettings {
             spec: task.spec().clone(),
             policy: source.clone(),
@@ -156,8 +157,9 @@ impl Sweep {
             greedy: self.settings.greedy,
             seed: self.settings.seed,
             worlds: self.worlds.min(self.settings.episodes as usize),
+            longest_delay: links.longest_delay(),
         };
-        let (links, name, worlds) = (job.condition.links().build(), imputer.to_string(), settings.worlds);
+        let (links, name, worlds) = (links.build(), imputer.to_string(), settings.worlds);
         match self.place {
             Place::Processes(wait) => {
                 let mut team = Processes::start(&settings, policy, wait)?;
