@@ -132,7 +132,7 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0.2
   vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --episodes 1000 --worlds 10
   vamaro-swarm spawn --task spread-blindfold-6 --policy untrained --links dynamic --audit
-  vamaro-swarm spawn --agents 4 --links 'dynamic + level(0.9)'
+  vamaro-swarm spawn --agents 4 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
   vamaro-swarm spawn --agents 4 --p 0.2 --rate 100     in real time, 100 Hz
   vamaro-swarm spawn --task SXY-4 --p 0.6 --record trace.json && vamaro-swarm verify trace.json";
 
