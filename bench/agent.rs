@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 
-use vamaro_swarm::agent::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims};
+use vamaro_swarm::agent::{Agent, AgentSettings, Inbox, PREFERRED, Received, dims};
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, kernels, reference};
 
@@ -28,7 +28,7 @@ fn pieces(c: &mut Criterion) {
             bencher.iter(|| weights.iter().for_each(|values| _ = black_box(kernels::sum(values))))
         });
         for worlds in [1, 10] {
-            let imputer = ImputerName::Predictor(PREFERRED.to_owned());
+            let imputer = PREFERRED.to_owned();
             let settings = AgentSettings { imputer, worlds, ..AgentSettings::of(task.spec()) };
             let mut agent = Agent::with_policy(&settings, &policy, 0).expect("an agent");
             let observation = numbers(task.spec().padded_obs_dim());

@@ -9,7 +9,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::time::Duration;
 
-use vamaro_swarm::agent::{Agent, AgentSettings, ImputerName, Member, PolicySource, Sensed, dims};
+use vamaro_swarm::agent::{Agent, AgentSettings, Member, PolicySource, Sensed, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{
     AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
@@ -91,7 +91,7 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         let mut tick = || {
             actor.forward(rows, &inputs, &mut memory, &mut scratch, &mut logits);
             actor.prepare(rows, &mut memory);
-            predictor.step(rows, &inputs, &mut state, &mut scratch, &mut out);
+            predictor.step(rows, &inputs, &[], &mut state, &mut scratch, &mut out);
         };
         tick();
         assert_eq!(allocations(|| (0..5).for_each(|_| tick())), 0);
@@ -104,7 +104,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
     for task in ["hear-see", "spread-xy-4"] {
         let task = Task::parse(task).unwrap();
         let agents = task.spec().n_agents();
-        let imputer = ImputerName::Predictor("value-aware".to_owned());
+        let imputer = "value-aware".to_owned();
         let settings = AgentSettings { imputer, ..AgentSettings::of(task.spec()) };
         let layout = settings.layout();
         let directory = SwarmDirectory::create().unwrap();
@@ -225,7 +225,7 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
     const EPISODES: usize = 12;
     for (wait, rate) in [(Wait::Block, None), (Wait::Spin, None), (Wait::Block, Some(2000.0))] {
         let task = Task::parse("spread-xy-4").unwrap();
-        let imputer = ImputerName::Predictor("value-aware".to_owned());
+        let imputer = "value-aware".to_owned();
         let settings = AgentSettings {
             imputer,
             policy: PolicySource::Training,
@@ -260,7 +260,7 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
 fn renewing_weights_allocates_nothing_after_the_first_time() {
     for (kind, task) in [(ActorKind::Mlp, "hear-see"), (ActorKind::Gru, "spread-xy-4")] {
         let task = Task::parse(task).unwrap();
-        let imputer = ImputerName::Predictor("value-aware".to_owned());
+        let imputer = "value-aware".to_owned();
         let settings = AgentSettings { imputer, ..AgentSettings::of(task.spec()) };
         let policy = Policy::untrained(&dims(task.spec()), 1, Networks::paper(kind)).unwrap();
         let mut team = InProcess::new(&settings, &policy).unwrap();

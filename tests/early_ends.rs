@@ -3,7 +3,7 @@
 
 mod common;
 
-use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource, dims};
+use vamaro_swarm::agent::{AgentSettings, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::base::rng::{Draws, Purpose};
 use vamaro_swarm::environment::{
@@ -115,7 +115,7 @@ fn settings(kind: ActorKind) -> Settings {
 
 fn agents(worlds: usize) -> AgentSettings {
     AgentSettings {
-        imputer: ImputerName::Predictor("value-aware".to_owned()),
+        imputer: "value-aware".to_owned(),
         policy: PolicySource::Training,
         seed: SEED,
         worlds,
@@ -142,7 +142,7 @@ fn train(kind: ActorKind, p: f64, worlds: usize, threads: usize) -> (Vec<u32>, V
     let mut agents = InProcess::new(&agents(worlds), &policy(&settings, &team)).unwrap();
     let mut rollout = Rollout::new(environment(worlds), Links::level(p), SEED, 0);
     let mut batch = Batch::zeros(&spec(), EPISODES, p < 1.0);
-    let mut replay = Replay::new(10, STEPS, spec().joint_dim());
+    let mut replay = Replay::new(10, STEPS, spec().joint_dim(), 0);
     let (mut losses, mut played, mut weights) = (Vec::new(), Vec::new(), Vec::new());
     for update in 0..3 {
         while played.len() < (update + 1) * EPISODES {

@@ -1,7 +1,7 @@
 //! A lost observation never reaches imputer or policy: with every lost payload replaced by NaN, nothing
 //! changes by a bit.
 
-use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource};
+use vamaro_swarm::agent::{AgentSettings, PolicySource};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{AgentPort, Header, Kind, Layout, LocalPort, LocalSample, Sample};
 use vamaro_swarm::environment::Task;
@@ -84,12 +84,7 @@ fn play(
 
 #[test]
 fn nothing_of_a_lost_observation_gets_through() {
-    let imputers = [
-        ImputerName::Zero,
-        ImputerName::Hold,
-        ImputerName::Velocity,
-        ImputerName::Predictor("value-aware".to_owned()),
-    ];
+    let imputers = ["zero".to_owned(), "hold".to_owned(), "velocity".to_owned(), "value-aware".to_owned()];
     for (name, share_at_start) in [("hear-see", true), ("spread-xy-4", false)] {
         let task = Task::parse(name).unwrap();
         for imputer in imputers.clone() {

@@ -64,7 +64,7 @@ fn imported_networks_compute_what_they_did() {
             let predictor = policy.predictor("value-aware").unwrap();
             let (mut state, mut out) = (predictor.state(1), vec![0.0; 2 * dims.predicted]);
             for (step, inputs) in inputs.iter().enumerate() {
-                predictor.step(1, inputs, &mut state, &mut scratch, &mut out);
+                predictor.step(1, inputs, &[], &mut state, &mut scratch, &mut out);
                 assert_close(&out, &floats(&expected["prediction"][step]));
             }
         }

@@ -7,7 +7,7 @@ mod common;
 
 use common::{assert_gone, swarm_of};
 use rustix::process::{Signal, kill_process};
-use vamaro_swarm::agent::{AgentSettings, ImputerName, PolicySource, dims};
+use vamaro_swarm::agent::{AgentSettings, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::Links;
@@ -93,8 +93,8 @@ impl Case {
 
     fn settings(&self, worlds: usize) -> AgentSettings {
         let imputer = match self.p {
-            1.0 => ImputerName::Hold,
-            _ => ImputerName::Predictor("value-aware".to_owned()),
+            1.0 => "hold".to_owned(),
+            _ => "value-aware".to_owned(),
         };
         let policy = PolicySource::Training;
         AgentSettings { imputer, policy, seed: SEED, worlds, ..AgentSettings::of(self.task.spec()) }

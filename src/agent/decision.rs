@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Imputer, ImputerName, Inbox, JointLayout, PolicySource};
+use super::imputer::{Imputer, Registry, Setup, Step};
+use super::{Inbox, PolicySource};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::bus::Layout;
@@ -18,8 +19,11 @@ pub struct AgentSettings {
     pub spec: Spec,
     /// Where the policy comes from.
     pub policy: PolicySource,
-    /// Which imputer completes the joint observation.
-    pub imputer: ImputerName,
+    /// Which imputer completes the joint observation, by name.
+    pub imputer: String,
+    /// Where that name is looked up. It does not travel: a process looks it up in its own program's.
+    #[serde(skip)]
+    pub registry: Registry,
     /// Takes the most probable action instead of sampling.
     pub greedy: bool,
     /// Seed of all draws.
@@ -36,7 +40,8 @@ impl AgentSettings {
         AgentSettings {
             spec: spec.clone(),
             policy: PolicySource::Builtin,
-            imputer: ImputerName::Hold,
+            imputer: "hold".to_owned(),
+            registry: Registry::default(),
             greedy: false,
             seed: 0,
             worlds: 1,
@@ -67,27 +72,23 @@ pub struct Agent {
     greedy: bool,
     worlds: usize,
     longest_delay: u8,
-    imputer: Imputer,
+    imputer: Box<dyn Imputer>,
+    /// Whether it has been told of the last decision.
+    has_predicted: bool,
     actor: Actor,
-    parts: Parts,
+    /// Where the actor is in the weights of the policy, and how many these are.
+    weights: Range<usize>,
+    policy_weights: usize,
     state: ActorState,
     scratch: Scratch,
     /// The policy's input, `[worlds, joint]`.
     estimates: Vec<f32>,
     /// `[worlds, n_actions]`.
     logits: Vec<f32>,
+    /// Episode of world 0 and step of the last decision.
+    moment: (u64, u32),
     /// `[active worlds]`.
     actions: Vec<u32>,
-}
-
-/// Where an agent's networks are in the weights of the policy.
-#[derive(Debug)]
-struct Parts {
-    /// The number of all weights.
-    all: usize,
-    actor: Range<usize>,
-    /// That of the imputer, if it has one.
-    predictor: Option<Range<usize>>,
 }
 
 impl Agent {
@@ -100,29 +101,25 @@ impl Agent {
     /// Makes agent `index` of a team from a policy that is loaded already.
     pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
         let spec = settings.spec.clone();
-        let layout = JointLayout::of(&spec);
-        let worlds = settings.worlds;
+        let AgentSettings { worlds, seed, longest_delay, .. } = *settings;
+        let setup = Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay };
         let actor = policy.actor(index).clone();
         Ok(Agent {
             index,
-            seed: settings.seed,
+            seed,
             greedy: settings.greedy,
             worlds,
-            longest_delay: settings.longest_delay,
-            imputer: settings.imputer.build(policy, &spec, worlds, settings.longest_delay)?,
+            longest_delay,
+            imputer: settings.registry.make(&settings.imputer, &setup)?,
+            has_predicted: false,
             state: actor.state(worlds),
             scratch: Scratch::default(),
-            parts: Parts {
-                all: policy.n_values(),
-                actor: policy.actor_range(index),
-                predictor: match &settings.imputer {
-                    ImputerName::Predictor(name) => policy.predictor_range(name),
-                    ImputerName::Zero | ImputerName::Hold | ImputerName::Velocity => None,
-                },
-            },
+            weights: policy.actor_range(index),
+            policy_weights: policy.n_values(),
             actor,
-            estimates: vec![0.0; worlds * layout.joint()],
+            estimates: vec![0.0; worlds * spec.joint_dim()],
             logits: vec![0.0; worlds * spec.n_actions()],
+            moment: (0, 0),
             actions: Vec::with_capacity(worlds),
             spec,
         })
@@ -150,16 +147,14 @@ impl Agent {
 
     /// The number of weights of the policy it was made from.
     pub fn policy_weights(&self) -> usize {
-        self.parts.all
+        self.policy_weights
     }
 
     /// Takes new weights: of all those of the policy, `[policy_weights]` in the order of its tensors, a copy of
     /// what its own networks need.
     pub fn renew(&mut self, weights: &[f32]) {
-        self.actor.renew(&weights[self.parts.actor.clone()]);
-        if let Some(predictor) = self.parts.predictor.clone() {
-            self.imputer.renew(&weights[predictor]);
-        }
+        self.actor.renew(&weights[self.weights.clone()]);
+        self.imputer.renew(weights);
     }
 
     /// Computes a step of nothing, so that what the networks need is in memory before the first episode begins, which
@@ -173,18 +168,19 @@ impl Agent {
     /// Forgets the last episode: one starts in this many worlds.
     pub fn begin_episode(&mut self, worlds: usize) {
         self.state.start(&self.actor, worlds);
-        self.imputer.begin_episode(worlds);
+        self.imputer.begin_episodes(worlds);
     }
 
     /// Completes what was delivered in one world to a joint estimate.
     pub fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox) {
         let joint = self.spec.joint_dim();
         let estimate = &mut self.estimates[world * joint..(world + 1) * joint];
-        self.imputer.fuse(world, self.index, own, inbox, estimate);
+        self.imputer.fuse(world, own, inbox, estimate);
     }
 
     /// Chooses an action in each of the `worlds` worlds of the episode from the joint estimates.
     pub fn act(&mut self, episode: u64, step: u32, worlds: usize) {
+        (self.moment, self.has_predicted) = ((episode, step), false);
         self.actions.clear();
         let estimates = &self.estimates[..worlds * self.spec.joint_dim()];
         let n_actions = self.spec.n_actions();
@@ -207,9 +203,23 @@ impl Agent {
 
     /// Carries the joint estimates of the last [`Agent::act`] over to the next step, and computes of that what it can.
     pub fn predict(&mut self) {
-        let worlds = self.actions.len();
-        self.actor.prepare(worlds, &mut self.state);
-        self.imputer.predict(worlds, &self.estimates[..worlds * self.spec.joint_dim()]);
+        self.actor.prepare(self.actions.len(), &mut self.state);
+        let step = Step::of(self.moment, &self.estimates, self.spec.joint_dim(), &self.actions);
+        self.imputer.predict(&step);
+        self.has_predicted = true;
+    }
+
+    /// Takes in which action was carried out in each world at the last decision, should that not be the one it chose.
+    pub fn correct(&mut self, carried_out: &[u32]) {
+        if self.actions == carried_out {
+            return;
+        }
+        self.actions.clear();
+        self.actions.extend_from_slice(carried_out);
+        if self.has_predicted {
+            let step = Step::of(self.moment, &self.estimates, self.spec.joint_dim(), &self.actions);
+            self.imputer.revise(&step);
+        }
     }
 
     /// The actions chosen last, `[worlds]`.

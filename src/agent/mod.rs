@@ -12,16 +12,14 @@
 //! [`process`] runs a member as a process of its own.
 
 mod decision;
-mod imputer;
+pub mod imputer;
 mod inbox;
 mod member;
-mod past;
 pub mod process;
 mod source;
 
 pub use decision::{Agent, AgentSettings};
-pub use imputer::{Imputer, JointLayout};
+pub use imputer::{Imputer, JointLayout, PREFERRED, Registry};
 pub use inbox::{Inbox, Mailbox, Received};
 pub use member::{Member, Sensed};
-pub use past::Past;
-pub use source::{BUILTIN, ImputerName, PREFERRED, PolicySource, dims, paper_actor};
+pub use source::{BUILTIN, PolicySource, dims, paper_actor};

@@ -1,11 +1,10 @@
-//! Where a policy comes from, and which of its imputers is used.
+//! Where a policy comes from.
 
 use std::fmt;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Imputer, JointLayout};
 use crate::base::error::Result;
 use crate::environment::{PaperSetting, Spec};
 use crate::nn::{ActorKind, Aligned, Dims, Networks, Policy};
@@ -25,9 +24,6 @@ pub static BUILTIN: [(&str, &Aligned<[u8]>); 5] = [
         &Aligned(*include_bytes!("../../agents/pretrained/spread-blindfold/seed-0.safetensors")),
     ),
 ];
-
-/// The predictor that is used if the policy has it and nobody says otherwise.
-pub const PREFERRED: &str = "value-aware";
 
 /// Where a policy comes from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -106,67 +102,5 @@ pub fn paper_actor(spec: &Spec) -> ActorKind {
     match spec.paper {
         PaperSetting::One => ActorKind::Mlp,
         PaperSetting::Two => ActorKind::Gru,
-    }
-}
-
-/// Names an imputer.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ImputerName {
-    /// What is not received counts as zero.
-    Zero,
-    /// What is not received counts as what was received last.
-    Hold,
-    /// The same, but places move on with their last known velocity.
-    Velocity,
-    /// A predictor of the policy.
-    Predictor(String),
-}
-
-impl ImputerName {
-    /// The imputer called `name`, or the best one of the policy.
-    pub fn choose(name: Option<&str>, policy: &Policy) -> Result<ImputerName> {
-        let names: Vec<&str> = policy.predictor_names().collect();
-        match name {
-            Some("zero") => Ok(ImputerName::Zero),
-            Some("hold") => Ok(ImputerName::Hold),
-            Some("velocity") => Ok(ImputerName::Velocity),
-            Some(name) if names.contains(&name) => Ok(ImputerName::Predictor(name.to_owned())),
-            Some(name) => Err(usage!(
-                "this policy has no imputer `{name}`; it has {}, and `hold`, `velocity` and `zero` are always there",
-                if names.is_empty() { "no predictor".to_owned() } else { names.join(", ") }
-            )),
-            None => Ok(match names.iter().find(|name| **name == PREFERRED).or(names.first()) {
-                Some(name) => ImputerName::Predictor((*name).to_owned()),
-                None => ImputerName::Hold,
-            }),
-        }
-    }
-
-    /// Builds it.
-    pub fn build(&self, policy: &Policy, spec: &Spec, worlds: usize, longest_delay: u8) -> Result<Imputer> {
-        let layout = JointLayout::of(spec);
-        match self {
-            ImputerName::Zero => Ok(Imputer::zero(layout, worlds)),
-            ImputerName::Hold => Ok(Imputer::hold(layout, worlds)),
-            ImputerName::Velocity => Ok(Imputer::velocity(spec, worlds)),
-            ImputerName::Predictor(name) => match policy.predictor(name) {
-                Some(predictor) => {
-                    Ok(Imputer::predict_with(predictor.clone(), layout, worlds, longest_delay))
-                }
-                None => Err(usage!("this policy has no predictor `{name}`")),
-            },
-        }
-    }
-}
-
-impl fmt::Display for ImputerName {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(match self {
-            ImputerName::Zero => "zero",
-            ImputerName::Hold => "hold",
-            ImputerName::Velocity => "velocity",
-            ImputerName::Predictor(name) => name,
-        })
     }
 }

@@ -9,8 +9,8 @@ use clap::{Args, ValueEnum};
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::train::threads;
-use super::{policy_source, print, tell};
-use crate::agent::{ImputerName, PolicySource};
+use super::{imputer_help, policy_source, print, tell};
+use crate::agent::{PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::bus::Wait;
@@ -49,9 +49,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     modes: Vec<String>,
 
-    /// What stands for lost observations: predictors of the policies, hold, velocity, zero [default: all that
-    /// each policy has]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy has"))]
     imputers: Vec<String>,
 
     /// The imputer that others are compared with [default: maro where there is one, else hold]
@@ -243,15 +241,14 @@ impl Evaluate {
         Ok(Entrant::new(name, source, policy, task, imputers))
     }
 
-    fn imputers_of(&self, policy: &Policy) -> Result<Vec<ImputerName>> {
+    fn imputers_of(&self, policy: &Policy) -> Result<Vec<String>> {
+        let registry = Registry::default();
         if self.imputers.is_empty() {
-            let plain = [ImputerName::Hold, ImputerName::Velocity, ImputerName::Zero];
-            let predictors = policy.predictor_names().map(|name| ImputerName::Predictor(name.to_owned()));
-            return Ok(predictors.chain(plain).collect());
+            return Ok(registry.names(policy).map(str::to_owned).collect());
         }
         let mut imputers = Vec::new();
         for name in &self.imputers {
-            let imputer = ImputerName::choose(Some(name.trim()), policy)?;
+            let imputer = registry.choose(Some(name.trim()), policy)?;
             if imputers.contains(&imputer) {
                 return Err(usage!("--imputers: {name} is there twice"));
             }
@@ -284,12 +281,12 @@ impl Evaluate {
                 let why = "intervals of so few episodes are too narrow to rely on, play at least";
                 return Err(wrong(format!("{why} {FEWEST_EPISODES}")));
             }
-            let by_itself = |entrant: &Entrant| ImputerName::choose(None, &entrant.policy);
+            let by_itself = |entrant: &Entrant| Registry::default().choose(None, &entrant.policy);
             let mut names = Vec::new();
             for entrant in &sweep.entrants {
                 let name = match &requirement.imputer {
                     Some(name) => name.clone(),
-                    None => by_itself(entrant)?.to_string(),
+                    None => by_itself(entrant)?,
                 };
                 if !entrant.plays(&name) {
                     let policy = &entrant.contender.name;

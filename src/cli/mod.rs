@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 
-use crate::agent::PolicySource;
+use crate::agent::{PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::table::table;
 use crate::latency::peer::{self, PeerSettings};
@@ -212,4 +212,12 @@ fn rate(text: &str) -> std::result::Result<f64, String> {
         Ok(hz) if (0.01..=100_000.0).contains(&hz) => Ok(hz),
         _ => Err("expected ticks a second from 0.01 to 100000, such as 100".to_owned()),
     }
+}
+
+/// What the help says of an option that names imputers.
+fn imputer_help(default: &str) -> String {
+    format!(
+        "What stands for lost observations: a predictor of the policy by its name, or {} [default: {default}]",
+        Registry::default().help()
+    )
 }

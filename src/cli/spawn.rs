@@ -7,8 +7,8 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::summary::{Outcome, Summary};
-use super::{policy_source, print, print_json, probability, rate, tell};
-use crate::agent::{AgentSettings, ImputerName, PolicySource};
+use super::{imputer_help, policy_source, print, print_json, probability, rate, tell};
+use crate::agent::{AgentSettings, PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::{Grants, Scheduling};
@@ -59,10 +59,7 @@ pub struct Spawn {
     #[arg(long, value_name = "FILE|DIR|NAME", default_value = "builtin")]
     policy: String,
 
-    /// What stands for lost observations: a predictor of the policy, hold (last received), velocity (the same, and
-    /// places move on) or zero
-    /// [default: value-aware if the policy has it]
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help = imputer_help("value-aware if the policy has it"))]
     imputer: Option<String>,
 
     /// Take the most probable action instead of sampling
@@ -298,10 +295,12 @@ impl Spawn {
         policy: PolicySource,
         loaded: &Policy,
     ) -> Result<AgentSettings> {
+        let registry = Registry::default();
         Ok(AgentSettings {
             spec: task.spec().clone(),
             policy,
-            imputer: ImputerName::choose(self.imputer.as_deref(), loaded)?,
+            imputer: registry.choose(self.imputer.as_deref(), loaded)?,
+            registry,
             greedy: self.greedy,
             seed: self.seed,
             // More worlds than episodes would have nothing to do.
@@ -324,7 +323,7 @@ impl Spawn {
             n_landmarks: spec.landmarks,
             episode_steps: spec.episode_steps,
             actor: Some(policy.networks().actor.to_string()),
-            imputer: Some(settings.imputer.to_string()),
+            imputer: Some(settings.imputer.clone()),
             policy: Some(settings.policy.to_string()),
             seed: Some(self.seed),
             greedy: Some(self.greedy),

@@ -8,7 +8,7 @@ use crate::agent::JointLayout;
 use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{Spec, Unit, Value};
-use crate::nn::{LstmState, Policy, Predictor, Scratch, Sigma};
+use crate::nn::{Dims, LstmState, Policy, Predictor, Scratch, Sigma};
 use crate::supervisor::{Decisions, Observer, Stage, Tick};
 
 /// Half the width of the central 50 % and 95 % intervals of a normal distribution, in sigma.
@@ -41,6 +41,9 @@ pub(super) struct ErrorLedger {
 #[derive(Debug)]
 struct Expectation {
     predictor: Predictor,
+    dims: Dims,
+    /// What each row's agent does, by its number among the team's actions.
+    acts: Vec<usize>,
     state: LstmState,
     scratch: Scratch,
     /// `[agents, worlds, 2, predicted]`.
@@ -57,6 +60,8 @@ impl ErrorLedger {
     pub(super) fn new(spec: &Spec, policy: &Policy, imputer: &str) -> ErrorLedger {
         let expectation = policy.predictor(imputer).map(|predictor| Expectation {
             predictor: predictor.clone(),
+            dims: policy.dims().clone(),
+            acts: Vec::new(),
             state: predictor.state(0),
             scratch: Scratch::default(),
             out: Vec::new(),
@@ -111,7 +116,7 @@ impl ErrorLedger {
             }
         }
         if let Some(expectation) = &mut self.expectation {
-            expectation.step(&self.layout, &decisions.estimates);
+            expectation.step(&self.layout, decisions, tick.worlds);
         }
     }
 
@@ -185,10 +190,13 @@ impl Expectation {
     }
 
     /// Adds the variance of the change that the predictor expects from here to the next step.
-    fn step(&mut self, layout: &JointLayout, estimates: &[f32]) {
+    fn step(&mut self, layout: &JointLayout, decisions: &Decisions, worlds: usize) {
         let predicted = layout.predicted();
-        let rows = estimates.len() / layout.joint();
-        self.predictor.step(rows, estimates, &mut self.state, &mut self.scratch, &mut self.out);
+        let Expectation { predictor, dims, acts, state, scratch, out, .. } = self;
+        acts.clear();
+        let actions = decisions.actions.iter().enumerate();
+        acts.extend(actions.map(|(row, action)| dims.act(row / worlds, *action as usize)));
+        predictor.step(layout.agents * worlds, &decisions.estimates, acts, state, scratch, out);
         let Sigma::Exp = self.predictor.spec().sigma;
         let raw = self.out.chunks_exact(2 * predicted).flat_map(|out| &out[predicted..]);
         let changes = raw.map(|raw| f64::from(*raw).exp().max(SMALLEST_SIGMA).powi(2));

@@ -64,7 +64,7 @@ pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Result<Vec<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{AgentSettings, ImputerName, PolicySource};
+    use crate::agent::{AgentSettings, PolicySource};
     use crate::base::stats::mean;
     use crate::supervisor::InProcess;
 
@@ -75,11 +75,10 @@ mod tests {
     fn outcome(task: &str, p: f64, imputer: &str, worlds: usize) -> Outcome {
         let task = Task::parse(task).unwrap();
         let policy = PolicySource::Builtin.load(task.spec()).unwrap();
-        let imputer = ImputerName::choose(Some(imputer), &policy).unwrap();
         let agents =
-            AgentSettings { imputer: imputer.clone(), seed: 4, worlds, ..AgentSettings::of(task.spec()) };
+            AgentSettings { imputer: imputer.to_owned(), seed: 4, worlds, ..AgentSettings::of(task.spec()) };
         let mut team = InProcess::new(&agents, &policy).unwrap();
-        play(&settings(9), &policy, &task, Links::level(p), &imputer.to_string(), worlds, &mut team).unwrap()
+        play(&settings(9), &policy, &task, Links::level(p), imputer, worlds, &mut team).unwrap()
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use super::evaluation::{Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings};
 use super::play::{play, play_at_random};
 use super::record::{Key, Record};
-use crate::agent::{AgentSettings, ImputerName, PolicySource};
+use crate::agent::{AgentSettings, PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::threads::side_by_side;
 use crate::bus::Wait;
@@ -41,7 +41,7 @@ pub struct Entrant {
     /// Its task.
     pub task: Task,
     /// The imputers.
-    pub imputers: Vec<ImputerName>,
+    pub imputers: Vec<String>,
 }
 
 /// Where agents run. It changes no result.
@@ -57,7 +57,7 @@ pub enum Place {
 struct Job<'a> {
     entrant: &'a Entrant,
     condition: Condition,
-    imputer: Option<&'a ImputerName>,
+    imputer: Option<&'a str>,
 }
 
 impl Entrant {
@@ -67,7 +67,7 @@ impl Entrant {
         source: PolicySource,
         policy: Policy,
         task: Task,
-        imputers: Vec<ImputerName>,
+        imputers: Vec<String>,
     ) -> Entrant {
         let meta = policy.meta();
         let contender = Contender {
@@ -85,7 +85,7 @@ impl Entrant {
 
     /// Whether it is played with this imputer.
     pub fn plays(&self, imputer: &str) -> bool {
-        self.imputers.iter().any(|name| name.to_string() == imputer)
+        self.imputers.iter().any(|name| name == imputer)
     }
 }
 
@@ -131,7 +131,7 @@ impl Sweep {
         let jobs = cells.flat_map(|(entrant, condition): (&Entrant, _)| {
             let imputers: Vec<_> = match condition.is_lossless() {
                 true => vec![None],
-                false => entrant.imputers.iter().map(Some).collect(),
+                false => entrant.imputers.iter().map(|name| Some(&name[..])).collect(),
             };
             imputers.into_iter().map(move |imputer| Job { entrant, condition, imputer })
         });
@@ -148,26 +148,27 @@ impl Sweep {
     fn play(&self, job: &Job) -> Result<Outcome> {
         signals::check_stop()?;
         let Entrant { source, policy, task, .. } = job.entrant;
-        let imputer = job.imputer.unwrap_or(&ImputerName::Hold);
+        let imputer = job.imputer.unwrap_or("hold");
         let links = job.condition.links();
         let settings = AgentSettings {
             spec: task.spec().clone(),
             policy: source.clone(),
-            imputer: imputer.clone(),
+            imputer: imputer.to_owned(),
+            registry: Registry::default(),
             greedy: self.settings.greedy,
             seed: self.settings.seed,
             worlds: self.worlds.min(self.settings.episodes as usize),
             longest_delay: links.longest_delay(),
         };
-        let (links, name, worlds) = (links.build(), imputer.to_string(), settings.worlds);
+        let (links, worlds) = (links.build(), settings.worlds);
         match self.place {
             Place::Processes(wait) => {
                 let mut team = Processes::start(&settings, policy, wait)?;
-                play(&self.settings, policy, task, links, &name, worlds, &mut team)
+                play(&self.settings, policy, task, links, imputer, worlds, &mut team)
             }
             Place::InProcess(_) => {
                 let mut team = InProcess::new(&settings, policy)?;
-                play(&self.settings, policy, task, links, &name, worlds, &mut team)
+                play(&self.settings, policy, task, links, imputer, worlds, &mut team)
             }
         }
     }
@@ -185,10 +186,9 @@ impl Sweep {
         for (Job { entrant, condition, imputer }, outcome) in jobs.iter().zip(outcomes) {
             let contender = self.entrants.iter().position(|other| std::ptr::eq(other, *entrant));
             let contender = contender.expect("jobs are of these entrants");
-            let imputers: &[ImputerName] =
-                imputer.map_or(&entrant.imputers[..], |imputer| std::slice::from_ref(imputer));
-            for imputer in imputers {
-                let (condition, imputer, outcome) = (*condition, imputer.to_string(), outcome.clone());
+            let all = entrant.imputers.iter().map(String::as_str);
+            for imputer in all.filter(|name| imputer.is_none_or(|one| one == *name)) {
+                let (condition, imputer, outcome) = (*condition, imputer.to_owned(), outcome.clone());
                 cells.push(Cell { contender, condition, imputer, outcome });
             }
         }
@@ -202,7 +202,7 @@ impl Job<'_> {
         Key {
             fingerprint: self.entrant.contender.fingerprint.clone(),
             condition: self.condition,
-            imputer: self.imputer.map(ImputerName::to_string),
+            imputer: self.imputer.map(str::to_owned),
         }
     }
 }

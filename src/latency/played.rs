@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 use super::pin::Pinned;
-use crate::agent::{AgentSettings, ImputerName, PREFERRED, PolicySource, dims, paper_actor};
+use crate::agent::{AgentSettings, PREFERRED, PolicySource, dims, paper_actor};
 use crate::base::error::{Error, Result};
 use crate::bus::Wait;
 use crate::environment::Task;
@@ -61,7 +61,7 @@ impl Played {
     pub fn start(setup: &Setup, worlds: usize, wait: Wait) -> Result<Played> {
         let task = &setup.task;
         let policy = PolicySource::File(setup.policy.clone());
-        let imputer = ImputerName::Predictor(PREFERRED.to_owned());
+        let imputer = PREFERRED.to_owned();
         let settings = AgentSettings { policy, imputer, worlds, ..AgentSettings::of(task.spec()) };
         let team = Processes::start(&settings, &settings.policy.load(task.spec())?, wait)?;
         let links = Links::level(1.0);

@@ -15,6 +15,19 @@ impl Linear {
         kernels::linear(rows, x, self.weight.values(), Start::Bias(self.bias.values()), y);
     }
 
+    /// The same where each row of the input is a part of `x` and behind it a one-hot: `ones` says where its one is.
+    /// The one multiplies one row of the weight and zeros all others, so adding that row last gives the very bits of the
+    /// whole product.
+    pub(super) fn forward_with_ones(&self, rows: usize, x: &[f32], ones: &[usize], y: &mut [f32]) {
+        assert_eq!(ones.len(), rows, "every row has its one");
+        let outputs = self.bias.values().len();
+        let (weight, of_ones) = self.weight.values().split_at(x.len() / rows * outputs);
+        kernels::linear(rows, x, weight, Start::Bias(self.bias.values()), y);
+        for (y, one) in y.chunks_exact_mut(outputs).zip(ones) {
+            kernels::add(&of_ones[one * outputs..][..outputs], y);
+        }
+    }
+
     /// Takes its new values from the front of `values`.
     pub(super) fn renew(&mut self, values: &mut &[f32]) {
         [&mut self.weight, &mut self.bias].into_iter().for_each(|tensor| tensor.renew(values));

@@ -30,7 +30,9 @@ pub(crate) use file::{map, write_tensors};
 pub use import::import;
 pub(crate) use import::key;
 pub use layers::Scratch;
-pub use networks::{ActorKind, Inputs, Networks, PredictorSpec, Sharing, Sigma, TensorSpec, critic_tensors};
+#[cfg(test)]
+pub(crate) use networks::NAMED_OTHERWISE;
+pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, TensorSpec, critic_tensors};
 pub use policy::{Meta, Policy};
 pub use predictor::{LstmState, Predictor};
 pub(crate) use weights::Line;
@@ -49,4 +51,11 @@ pub struct Dims {
     pub predicted: usize,
     /// The number of actions of an agent.
     pub n_actions: usize,
+}
+
+impl Dims {
+    /// The number of an agent's action among all actions of all agents, of which the input `own-action` is a one-hot.
+    pub fn act(&self, agent: usize, action: usize) -> usize {
+        agent * self.n_actions + action
+    }
 }

@@ -5,9 +5,8 @@ use crate::base::rng::{Draws, MAX_AGENTS, Purpose};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Imputers that need no network, so no predictor can be called like one: what is not received counts as
-/// zero, as what was received last, or as that moved on.
-const RULES: [&str; 3] = ["zero", "hold", "velocity"];
+/// The imputers of this library that need no network: no predictor can be called like one.
+pub(crate) const NAMED_OTHERWISE: [&str; 3] = ["hold", "velocity", "zero"];
 
 /// The networks of a policy: the actors of all agents and any number of predictors.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,8 +65,9 @@ impl fmt::Display for Sharing {
 pub struct PredictorSpec {
     /// Its name: lower-case letters, digits and dashes.
     pub name: String,
-    /// What it sees.
-    pub inputs: Inputs,
+    /// What it sees, in this order.
+    #[serde(with = "one_or_list")]
+    pub inputs: Vec<Input>,
     /// How its raw log-std is to be read.
     pub sigma: Sigma,
     /// Dims that it never predicts: they keep their last known value.
@@ -76,12 +76,15 @@ pub struct PredictorSpec {
     pub hidden: usize,
 }
 
-/// What a predictor sees.
+/// A part of what a predictor sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Inputs {
+pub enum Input {
     /// The agent's estimate of the joint observation.
     Estimate,
+    /// What the agent itself does in the step, and which agent it is: a one-hot over all actions of all agents, since
+    /// agents share predictors.
+    OwnAction,
 }
 
 /// From a predictor's raw log-std to its standard deviation.
@@ -90,6 +93,35 @@ pub enum Inputs {
 pub enum Sigma {
     /// `sigma = exp(raw)`.
     Exp,
+}
+
+/// A list of inputs in JSON: one of them stands by itself, as it does in files that were written when there was only one.
+mod one_or_list {
+    use super::Input;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "expected `estimate` or a list of inputs")]
+    enum Inputs {
+        One(String),
+        List(Vec<String>),
+    }
+
+    pub(super) fn serialize<S: Serializer>(inputs: &[Input], serializer: S) -> Result<S::Ok, S::Error> {
+        match inputs {
+            [one] => one.serialize(serializer),
+            list => list.serialize(serializer),
+        }
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Input>, D::Error> {
+        let names = match Inputs::deserialize(deserializer)? {
+            Inputs::One(name) => vec![name],
+            Inputs::List(names) => names,
+        };
+        let input = |name: &String| Input::deserialize(serde::de::value::StrDeserializer::new(name));
+        names.iter().map(input).collect()
+    }
 }
 
 /// A tensor that a policy must have.
@@ -166,7 +198,7 @@ impl Networks {
                     "a predictor is called {name:?}, expected lower-case letters, digits and dashes"
                 ));
             }
-            if RULES.contains(&&name[..]) {
+            if NAMED_OTHERWISE.contains(&&name[..]) {
                 return Err(format!(
                     "a predictor is called {name:?}, which names an imputer without a network"
                 ));
@@ -174,6 +206,7 @@ impl Networks {
             if self.predictors[..at].iter().any(|other| other.name == *name) {
                 return Err(format!("two predictors are called {name:?}"));
             }
+            check_inputs(&predictor.inputs).map_err(|error| format!("predictor {name:?} {error}"))?;
             hidden(&format!("predictor {name:?}"), predictor.hidden)?;
         }
         Ok(())
@@ -196,14 +229,24 @@ impl Networks {
 impl PredictorSpec {
     /// A predictor as in the paper: hidden size 128, sees the estimate, holds no dim.
     pub fn paper(name: &str) -> PredictorSpec {
-        let (inputs, sigma) = (Inputs::Estimate, Sigma::Exp);
+        let (inputs, sigma) = (vec![Input::Estimate], Sigma::Exp);
         PredictorSpec { name: name.to_string(), inputs, sigma, held: Vec::new(), hidden: 128 }
+    }
+
+    /// Whether the agent's own action is part of what it sees.
+    pub fn sees_own_action(&self) -> bool {
+        self.inputs.contains(&Input::OwnAction)
+    }
+
+    /// The number of values that it sees.
+    pub fn width(&self, dims: &Dims) -> usize {
+        dims.joint + if self.sees_own_action() { dims.n_agents * dims.n_actions } else { 0 }
     }
 
     /// Its tensors: those of `fc1`, `lstm` and `out`, each weight before its bias.
     pub fn tensors(&self, dims: &Dims) -> Vec<TensorSpec> {
         let mut list = List::of(self.prefix(), MAX_AGENTS);
-        list.linear("fc1", dims.joint, self.hidden);
+        list.linear("fc1", self.width(dims), self.hidden);
         list.cell("lstm", 4, self.hidden);
         list.linear("out", self.hidden, 2 * dims.predicted);
         list.tensors
@@ -212,6 +255,14 @@ impl PredictorSpec {
     /// The first part of the names of its tensors.
     pub(super) fn prefix(&self) -> String {
         format!("predictors.{}", self.name)
+    }
+}
+
+/// Says what is wrong with what a predictor sees.
+fn check_inputs(inputs: &[Input]) -> Result<(), String> {
+    match inputs {
+        [Input::Estimate] | [Input::Estimate, Input::OwnAction] => Ok(()),
+        _ => Err("sees `estimate` first, and may see `own-action` behind it, each once".to_string()),
     }
 }
 

@@ -323,7 +323,7 @@ impl Policy {
         let predictor = |spec: &PredictorSpec| {
             let prefix = spec.prefix();
             let (fc1, out) = (parts.linear(&prefix, "fc1"), parts.linear(&prefix, "out"));
-            Predictor { spec: spec.clone(), fc1, lstm: parts.cell(&prefix, "lstm"), out }
+            Predictor { spec: spec.clone(), fc1, lstm: parts.cell(&prefix, "lstm"), out, joint: dims.joint }
         };
         let actors = (0..dims.n_agents).map(actor).collect();
         let predictors = networks.predictors.iter().map(predictor).collect();

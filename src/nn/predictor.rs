@@ -12,6 +12,8 @@ pub struct Predictor {
     pub(super) fc1: Linear,
     pub(super) lstm: Cell,
     pub(super) out: Linear,
+    /// Length of the joint estimate.
+    pub(super) joint: usize,
 }
 
 /// What a predictor remembers of an episode.
@@ -37,20 +39,26 @@ impl Predictor {
 
     /// One step of `rows` episodes: `state` advances, and `out` becomes the prediction.
     ///
-    /// `inputs` is `[rows, joint]`, `out` `[rows, 2 * predicted]`: first the mean of the change of each
+    /// `estimates` is `[rows, joint]`; `acts` `[rows]` what the agent does, as [`Dims::act`](super::Dims::act) counts,
+    /// and ignored by a predictor that does not see it; `out` `[rows, 2 * predicted]`: first the mean of the change of each
     /// predicted dim, zero where the dim is held; then its raw log-std, to be read by the
     /// [sigma rule](super::Sigma).
     pub fn step(
         &self,
         rows: usize,
-        inputs: &[f32],
+        estimates: &[f32],
+        acts: &[usize],
         state: &mut LstmState,
         scratch: &mut Scratch,
         out: &mut [f32],
     ) {
         let h = rows * self.spec.hidden;
         let [first, gates] = scratch.split([h, 4 * h]);
-        self.fc1.forward(rows, inputs, first);
+        assert_eq!(estimates.len(), rows * self.joint, "predictor: estimates are not [rows, joint]");
+        match self.spec.sees_own_action() {
+            true => self.fc1.forward_with_ones(rows, estimates, acts, first),
+            false => self.fc1.forward(rows, estimates, first),
+        }
         kernels::relu(first);
         self.lstm.lstm(rows, first, &mut state.hidden, &mut state.cell, gates);
         self.out.forward(rows, &state.hidden, out);
@@ -73,6 +81,12 @@ impl Predictor {
 }
 
 impl LstmState {
+    /// Becomes what `other` is. Allocates only for more rows than ever before.
+    pub fn copy_from(&mut self, other: &LstmState) {
+        self.hidden.clone_from(&other.hidden);
+        self.cell.clone_from(&other.cell);
+    }
+
     /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
     pub fn start(&mut self, predictor: &Predictor, rows: usize) {
         for part in [&mut self.hidden, &mut self.cell] {

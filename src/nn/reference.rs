@@ -70,6 +70,8 @@ pub struct Predictor {
     lstm: LSTM,
     state: LSTMState,
     out: Linear,
+    /// The number of acts, if it sees the own one.
+    acts: usize,
 }
 
 impl Predictor {
@@ -79,12 +81,29 @@ impl Predictor {
         let (hidden, weights) = cell(policy, &layer("lstm"));
         let lstm = candle_nn::lstm(hidden, hidden, Default::default(), weights).expect(SHAPES_FIT);
         let state = lstm.zero_state(rows).expect(SHAPES_FIT);
-        Predictor { fc1: linear(policy, &layer("fc1")), lstm, state, out: linear(policy, &layer("out")) }
+        let spec = policy.predictor(name).expect("the policy has this predictor").spec();
+        let acts = spec.width(policy.dims()) - policy.dims().joint;
+        Predictor {
+            fc1: linear(policy, &layer("fc1")),
+            lstm,
+            state,
+            out: linear(policy, &layer("out")),
+            acts,
+        }
     }
 
-    /// One step of the inputs `[rows, joint]`: mean and raw log-std, `[rows, 2 * predicted]`.
-    pub fn step(&mut self, rows: usize, inputs: &[f32]) -> Vec<f32> {
-        let first = self.fc1.forward(&input(rows, inputs)).expect(SHAPES_FIT).relu().expect(SHAPES_FIT);
+    /// One step of the estimates `[rows, joint]` and acts `[rows]`, which only who sees them looks at: mean and raw
+    /// log-std, `[rows, 2 * predicted]`.
+    pub fn step(&mut self, rows: usize, estimates: &[f32], acts: &[usize]) -> Vec<f32> {
+        let seen = match self.acts {
+            0 => input(rows, estimates),
+            width => {
+                let one = |at: usize| if acts[at / width] == at % width { 1.0 } else { 0.0 };
+                let acts: Vec<f32> = (0..rows * width).map(one).collect();
+                Tensor::cat(&[input(rows, estimates), input(rows, &acts)], 1).expect(SHAPES_FIT)
+            }
+        };
+        let first = self.fc1.forward(&seen).expect(SHAPES_FIT).relu().expect(SHAPES_FIT);
         self.state = self.lstm.step(&first, &self.state).expect(SHAPES_FIT);
         output(&self.out.forward(self.state.h()).expect(SHAPES_FIT))
     }

@@ -40,6 +40,8 @@ pub struct Trajectories<'a> {
     pub lengths: &'a [usize],
     /// Joint observations, `[observations or more, rows, joint]`.
     pub joint: &'a [f32],
+    /// What the agents did at each of them, `[observations or more, rows, agents]`; empty where nobody sees that.
+    pub actions: &'a [u8],
 }
 
 impl Trajectories<'_> {
@@ -47,13 +49,23 @@ impl Trajectories<'_> {
     pub(super) fn transitions(&self, row: usize) -> usize {
         self.lengths[row].saturating_sub(1)
     }
+
+    /// Whether row `at` of `[observations, rows]` begins one of them.
+    pub(super) fn has_transition(&self, at: usize) -> bool {
+        at / self.rows < self.transitions(at % self.rows)
+    }
 }
 
 impl Batch {
     /// The episodes as trajectories.
     pub fn trajectories(&self) -> Trajectories<'_> {
-        let lengths = self.ends.lengths();
-        Trajectories { rows: self.episodes, observations: self.steps, lengths, joint: &self.joint }
+        Trajectories {
+            rows: self.episodes,
+            observations: self.steps,
+            lengths: self.ends.lengths(),
+            joint: &self.joint,
+            actions: &self.actions,
+        }
     }
 
     /// What means are over: steps played, episodes and agents.

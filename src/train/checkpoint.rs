@@ -2,6 +2,7 @@
 //!
 //! A safetensors file with the tensors of [`Team::state`], what is remembered for replay (`replay.*`) and, where
 //! updates share episodes, the batch (`batch.*`); its metadata hold the configuration and the counters.
+//! Actions are remembered where predictors see them (`replay.actions`).
 //! Checkpoints from before episodes could end early have no `replay.lengths`, `batch.lengths` and
 //! `batch.terminated`: all their episodes are whole.
 
@@ -85,6 +86,10 @@ impl State {
         let terminated =
             floats(batch.ends.terminated().iter().map(|&terminated| u8::from(terminated).into()));
         let mut parts = vec![("replay.joint", replay.episodes()), ("replay.lengths", &remembered)];
+        let remembered_actions = floats(replay.actions().iter().map(|&action| action.into()));
+        if config.sees_own_actions() {
+            parts.push(("replay.actions", &remembered_actions));
+        }
         if config.update_every < config.batch_episodes {
             parts.extend([
                 ("batch.observations", &batch.observations[..]),
@@ -115,8 +120,19 @@ impl State {
         let lengths = |name: &str| {
             find(name).map(|values| values.iter().map(|&value| value as usize).collect::<Vec<_>>())
         };
-        if !self.replay.restore(need("replay.joint")?, lengths("replay.lengths")) {
-            return Err(checkpoint.damaged("replay.joint or replay.lengths does not fit"));
+        let available = available_actions(spec);
+        let actions_in = |name: &str| {
+            let values = need(name)?;
+            let there_is =
+                |(at, value): (usize, &f32)| (0.0..available[at % available.len()] as f32).contains(value);
+            match values.iter().enumerate().all(there_is) {
+                true => Ok(values.iter().map(|&value| value as u8).collect::<Vec<_>>()),
+                false => Err(checkpoint.damaged(&format!("{name} has an action that there is not"))),
+            }
+        };
+        let seen = if config.sees_own_actions() { actions_in("replay.actions")? } else { Vec::new() };
+        if !self.replay.restore(need("replay.joint")?, lengths("replay.lengths"), seen) {
+            return Err(checkpoint.damaged("what it has of replay does not fit"));
         }
         if config.update_every < config.batch_episodes {
             let Batch { steps, observations, joint, estimates, actions, rewards, ends, .. } = &mut self.batch;
@@ -138,15 +154,8 @@ impl State {
                 let ended = lengths.iter().zip(terminated).enumerate();
                 ended.for_each(|(at, (&length, &terminated))| ends.set(at, length, terminated != 0.0));
             }
-            let mut values = vec![0.0; actions.len()];
-            copy(need("batch.actions")?, &mut values)
+            copy(&actions_in("batch.actions")?, actions)
                 .ok_or_else(|| checkpoint.damaged("batch.actions has another length"))?;
-            actions.iter_mut().zip(values).for_each(|(action, value)| *action = value as u8);
-            let available = available_actions(spec);
-            let mut teams = actions.chunks_exact(available.len());
-            if teams.any(|team| team.iter().zip(&available).any(|(&action, &n)| usize::from(action) >= n)) {
-                return Err(checkpoint.damaged("batch.actions has an action that there is not"));
-            }
         }
         self.progress = checkpoint.progress.clone();
         match self.is_consistent(config) {
@@ -179,7 +188,7 @@ fn floats(values: impl Iterator<Item = f32>) -> Vec<f32> {
     values.collect()
 }
 
-fn copy(from: &[f32], to: &mut [f32]) -> Option<()> {
+fn copy<T: Copy>(from: &[T], to: &mut [T]) -> Option<()> {
     (from.len() == to.len()).then(|| to.copy_from_slice(from))
 }
 

@@ -8,12 +8,11 @@ use toml::{Table, Value};
 use super::layer::{Layer, like};
 use super::preset::Preset;
 use super::settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
-use crate::agent::ImputerName;
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
 use crate::environment::Task;
 use crate::link::{Links, Uniform};
-use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing};
+use crate::nn::{ActorKind, Input, Networks, PredictorSpec, Sharing};
 use crate::usage;
 
 /// Everything that the result of a training run depends on; two runs of one configuration end in the same bits.
@@ -80,6 +79,8 @@ pub struct Config {
     pub predictor_max_grad_norm: f64,
     /// Hidden size of the predictors.
     pub predictor_hidden: usize,
+    /// What the predictors see: `estimate`, or `estimate` and `own-action`.
+    pub predictor_inputs: Vec<Input>,
     /// The weight of an advantage in the value-aware loss.
     pub lambda: f64,
     /// Episodes that `maro` and `maro-carry` remember.
@@ -181,8 +182,11 @@ impl Config {
 
     /// The networks that agents run.
     pub fn networks(&self) -> Networks {
-        let spec =
-            |name: &String| PredictorSpec { hidden: self.predictor_hidden, ..PredictorSpec::paper(name) };
+        let spec = |name: &String| PredictorSpec {
+            hidden: self.predictor_hidden,
+            inputs: self.predictor_inputs.clone(),
+            ..PredictorSpec::paper(name)
+        };
         Networks {
             actor: self.actor,
             sharing: sharing(self.share_actors),
@@ -239,19 +243,24 @@ impl Config {
     }
 
     /// What imputes while the policy trains: nothing has to where everything is delivered.
-    pub fn imputer(&self) -> ImputerName {
+    pub fn imputer(&self) -> String {
         match self.predictors.first() {
-            Some(name) if !self.everything_arrives() => ImputerName::Predictor(name.clone()),
-            _ => ImputerName::Hold,
+            Some(name) if !self.everything_arrives() => name.clone(),
+            _ => "hold".to_owned(),
         }
     }
 
     /// What is tested: every predictor, or, where none learns, holding what was received last.
-    pub fn tested_imputers(&self) -> Vec<ImputerName> {
+    pub fn tested_imputers(&self) -> Vec<String> {
         match self.predictors.is_empty() {
-            true => vec![ImputerName::Hold],
-            false => self.predictors.iter().cloned().map(ImputerName::Predictor).collect(),
+            true => vec!["hold".to_owned()],
+            false => self.predictors.clone(),
         }
+    }
+
+    /// Whether predictors see what their agent does.
+    pub fn sees_own_actions(&self) -> bool {
+        self.networks().predictors.iter().any(PredictorSpec::sees_own_action)
     }
 
     /// Whether some predictor learns from remembered episodes.
@@ -351,6 +360,11 @@ mod tests {
                 "--set: there is no setting `learning_rat`; the nearest is `learning_rate`",
             ),
             (&[("clip", "wide")], "--set: `clip`: invalid type"),
+            (
+                &[("predictor_inputs", "estimate,weather")],
+                "--set: `predictor_inputs`: unknown variant `weather`, expected `estimate` or `own-action`",
+            ),
+            (&[("predictor_inputs", "own-action")], "\"value-aware\" sees `estimate` first"),
             (&[("epochs", "0")], "`epochs` is 0"),
             (&[("steps", "0")], "`steps` is 0"),
             (&[("batch_episodes", "1e12")], "`batch_episodes` is 1000000000000, expected 1 to 4096"),

@@ -35,7 +35,9 @@ pub(super) fn memory_needed(config: &Config, spec: &Spec) -> u64 {
     let rows = (spec.episode_steps + 1) * config.batch_episodes;
     let hidden = 2 * dims.n_agents * config.hidden * BETWEEN_LAYERS;
     let predictor_rows = spec.episode_steps * config.batch_episodes.max(config.replay_batch);
-    let predictors = config.predictors.len() * predictor_rows * config.predictor_hidden * BETWEEN_LAYERS;
+    let views = if config.sees_own_actions() { dims.n_agents } else { 1 };
+    let predictors =
+        config.predictors.len() * views * predictor_rows * config.predictor_hidden * BETWEEN_LAYERS;
     let between = rows * (hidden + 4 * observations + dims.n_agents * dims.joint) + predictors;
     ((weights + between) * VALUE) as u64 + remembered(config, spec)
 }

@@ -16,12 +16,10 @@ pub struct Predictor {
     /// Its weights.
     pub parameters: Parameters,
     pub(super) settings: PredictorSettings,
-    n_agents: usize,
-    predicted: usize,
-    /// Dims that are never predicted, and so no part of the likelihood.
-    held: Vec<usize>,
+    spec: PredictorSpec,
+    dims: Dims,
     network: Network,
-    /// The joint observations, `[steps, rows, joint]`.
+    /// What it sees, `[steps, rows, views, width]`.
     x: Buffer,
     /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
     weights: Buffer,
@@ -59,14 +57,18 @@ impl Predictor {
             network: Network::new(backend, Kind::Lstm, &specs),
             parameters: Parameters::untrained(specs, seed),
             settings: settings.clone(),
-            n_agents: dims.n_agents,
-            predicted: dims.predicted,
-            held: spec.held.clone(),
+            spec: spec.clone(),
+            dims: dims.clone(),
             x: Buffer::default(),
             weights: Buffer::default(),
             d: Buffer::default(),
             busy: Duration::ZERO,
         }
+    }
+
+    /// How many rows a trajectory is to it: one for each agent where they see different things.
+    pub(super) fn views(&self) -> usize {
+        if self.spec.sees_own_action() { self.dims.n_agents } else { 1 }
     }
 
     /// Its steps of one update, on the `batch` and its `advantages` `[T, E, agents]` or on one of `replays`
@@ -107,13 +109,13 @@ impl Predictor {
             Objective::Maro => {
                 let replay = *replay?;
                 let steps = replay.observations.saturating_sub(1);
-                self.weights.resize(steps * replay.rows * self.n_agents).fill(1.0);
+                self.weights.resize(steps * replay.rows * self.dims.n_agents).fill(1.0);
                 self.step(replay)
             }
             Objective::ValueAware { lambda } => {
                 // Dividing by the mean weight, as the paper does, cancels in the loss.
                 let steps = batch.observations.saturating_sub(1);
-                let weights = self.weights.resize(steps * batch.rows * self.n_agents).iter_mut();
+                let weights = self.weights.resize(steps * batch.rows * self.dims.n_agents).iter_mut();
                 weights.zip(advantages).for_each(|(w, a)| *w = (1.0 + lambda as f32 * a).max(0.0));
                 self.step(batch)
             }
@@ -152,28 +154,27 @@ impl Predictor {
         if total == 0.0 {
             return None;
         }
-        let width = self.parameters.specs[0].shape[0];
-        let x = self.x.resize(steps * rows * width);
-        x.copy_from_slice(&joint[..steps * rows * width]);
-        blank(x, steps, rows, |row| trajectories.transitions(row));
-        let next = &joint[rows * width..observations * rows * width];
+        self.see(steps, &trajectories);
+        let (views, &Dims { joint: width, predicted, n_agents, .. }) = (self.views(), &self.dims);
+        let total = total * views as f64;
         let Parameters { values, gradient, .. } = &mut self.parameters;
-        let out = self.network.forward(values, steps, rows, &self.x);
+        let out = self.network.forward(values, steps, rows * views, &self.x);
 
         let d = self.d.resize(out.len());
         d.fill(0.0);
         let (mut loss, mut sum) = (0.0, 0.0);
-        let moves = self.x.chunks_exact(width).zip(next.chunks_exact(width));
-        let outs = out.chunks_exact(2 * self.predicted).zip(d.chunks_exact_mut(2 * self.predicted));
-        let unique = self.predicted / self.n_agents;
-        let weights = self.weights.chunks_exact(self.n_agents);
-        for (at, (((before, after), (out, d)), weights)) in moves.zip(outs).zip(weights).enumerate() {
-            if at / rows >= trajectories.transitions(at % rows) {
+        let unique = predicted / n_agents;
+        let outs = out.chunks_exact(2 * predicted).zip(d.chunks_exact_mut(2 * predicted));
+        for (view, (out, d)) in outs.enumerate() {
+            let at = view / views;
+            if !trajectories.has_transition(at) {
                 continue;
             }
-            let (mean, raw) = out.split_at(self.predicted);
-            let (d_mean, d_raw) = d.split_at_mut(self.predicted);
-            for dim in (0..self.predicted).filter(|dim| !self.held.contains(dim)) {
+            let (before, after) = (&joint[at * width..][..width], &joint[(at + rows) * width..][..width]);
+            let weights = &self.weights[at * n_agents..][..n_agents];
+            let (mean, raw) = out.split_at(predicted);
+            let (d_mean, d_raw) = d.split_at_mut(predicted);
+            for dim in (0..predicted).filter(|dim| !self.spec.held.contains(dim)) {
                 let share = f64::from(weights[dim / unique]) / total;
                 // -log N(delta; mean, exp(raw)) = z^2 / 2 + raw + log sqrt(2 pi), z = (delta - mean) / exp(raw)
                 let scale = (-raw[dim]).exp();
@@ -185,8 +186,27 @@ impl Predictor {
                 d_raw[dim] = share as f32 * (1.0 - z * z);
             }
         }
-        self.network.backward(values, steps, rows, &self.x, &self.d, gradient);
-        Some((loss, sum / (transitions * self.n_agents) as f64))
+        self.network.backward(values, steps, rows * views, &self.x, &self.d, gradient);
+        Some((loss, sum / (transitions * n_agents * views) as f64))
+    }
+
+    /// Writes down what it sees: the joint observation, and what the row's agent does there if that is part of it. Where
+    /// there is no transition to learn from it sees zeros.
+    fn see(&mut self, steps: usize, trajectories: &Trajectories) {
+        let Trajectories { rows, joint, actions, .. } = *trajectories;
+        let (views, width, length) = (self.views(), self.spec.width(&self.dims), self.dims.joint);
+        let x = self.x.resize(steps * rows * views * width);
+        x.fill(0.0);
+        let transitions = x.chunks_exact_mut(views * width).enumerate();
+        for (at, x) in transitions.filter(|(at, _)| trajectories.has_transition(*at)) {
+            for (agent, x) in x.chunks_exact_mut(width).enumerate() {
+                let (estimate, acts) = x.split_at_mut(length);
+                estimate.copy_from_slice(&joint[at * length..][..length]);
+                if self.spec.sees_own_action() {
+                    acts[self.dims.act(agent, actions[at * views + agent].into())] = 1.0;
+                }
+            }
+        }
     }
 }
 

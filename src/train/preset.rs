@@ -56,6 +56,7 @@ impl Config {
             predictor_learning_rate: predictor.learning_rate,
             predictor_max_grad_norm: predictor.largest_gradient,
             predictor_hidden: PredictorSpec::paper("any").hidden,
+            predictor_inputs: PredictorSpec::paper("any").inputs,
             lambda: 1.0,
             replay_episodes: 5_000,
             replay_batch: 32,

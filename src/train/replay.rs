@@ -1,21 +1,24 @@
 //! Remembered episodes, which MARO learns from.
 
 use super::batch::{Batch, Trajectories};
-use super::ends::blank;
 use super::memory::Buffer;
 use crate::base::rng::{Draws, Purpose};
 
-/// The joint observations of the last episodes, everything delivered.
+/// The joint observations of the last episodes, everything delivered, and what the agents did if predictors see that.
 #[derive(Clone, Debug)]
 pub struct Replay {
     capacity: usize,
     /// Joint observations of the longest episode that predictors learn from: all but the one after the last action.
     observations: usize,
     joint: usize,
+    /// How many agents' actions are remembered: those of all, or of none.
+    agents: usize,
     /// `[slots, observations, joint]`, zero behind an episode's end; episode e is in slot e modulo the capacity.
     episodes: Vec<f32>,
     /// The steps played in each slot's episode.
     lengths: Vec<usize>,
+    /// `[slots, observations, agents]`, zero behind an episode's end.
+    actions: Vec<u8>,
     /// What was sampled for each step of an update.
     samples: Vec<Sample>,
 }
@@ -23,19 +26,22 @@ pub struct Replay {
 /// Episodes that were sampled, ordered by time.
 #[derive(Clone, Debug, Default)]
 struct Sample {
-    joint: Buffer,
     lengths: Vec<usize>,
+    joint: Buffer,
+    actions: Vec<u8>,
 }
 
 impl Replay {
-    /// Remembers up to `capacity` episodes of `steps` steps; with 0 none.
-    pub fn new(capacity: usize, steps: usize, joint: usize) -> Replay {
+    /// Remembers up to `capacity` episodes of `steps` steps, with what so many agents did; with capacity 0 none.
+    pub fn new(capacity: usize, steps: usize, joint: usize, agents: usize) -> Replay {
         Replay {
             capacity,
             observations: steps,
             joint,
+            agents,
             episodes: Vec::new(),
             lengths: Vec::new(),
+            actions: Vec::new(),
             samples: Vec::new(),
         }
     }
@@ -46,26 +52,29 @@ impl Replay {
             return;
         }
         let slot = (episode % self.capacity as u64) as usize;
-        let (joint, length) = (self.joint, self.observations * self.joint);
-        if self.episodes.len() < (slot + 1) * length {
-            self.episodes.resize((slot + 1) * length, 0.0);
-            self.lengths.resize(slot + 1, self.observations);
+        let length = batch.ends.lengths()[column];
+        self.lengths.resize(self.lengths.len().max(slot + 1), 0);
+        self.lengths[slot] = length;
+        let (joint, agents, observations) = (self.joint, self.agents, self.observations);
+        let row = |step: usize| step * batch.episodes + column;
+        let to = slot_of(&mut self.episodes, slot, observations * joint).chunks_exact_mut(joint);
+        let from = (0..length).map(|step| &batch.joint[row(step) * joint..][..joint]);
+        to.zip(from).for_each(|(to, from)| to.copy_from_slice(from));
+        if agents > 0 {
+            let to = slot_of(&mut self.actions, slot, observations * agents).chunks_exact_mut(agents);
+            let from = (0..length).map(|step| &batch.actions[row(step) * agents..][..agents]);
+            to.zip(from).for_each(|(to, from)| to.copy_from_slice(from));
         }
-        self.lengths[slot] = batch.ends.lengths()[column];
-        let to = &mut self.episodes[slot * length..][..length];
-        let from = batch.joint.chunks_exact(joint).skip(column).step_by(batch.episodes);
-        to.chunks_exact_mut(joint).zip(from).for_each(|(to, from)| to.copy_from_slice(from));
-        blank(to, self.observations, 1, |_| self.lengths[slot]);
     }
 
     /// How many episodes are remembered.
     pub fn len(&self) -> usize {
-        self.episodes.len() / (self.observations * self.joint)
+        self.lengths.len()
     }
 
     /// Whether none is.
     pub fn is_empty(&self) -> bool {
-        self.episodes.is_empty()
+        self.lengths.is_empty()
     }
 
     /// Different episodes, `rows` of them, for each of the `steps` of the predictors in update number
@@ -74,22 +83,30 @@ impl Replay {
         if self.len() < rows {
             return Vec::new();
         }
-        let Replay { observations, joint, .. } = *self;
+        let Replay { observations, joint, agents, .. } = *self;
         self.samples.resize_with(steps, Sample::default);
         for step in 0..steps {
             let draws = Draws::new(seed, Purpose::Replay, update, step as u64);
             let chosen = distinct(draws, self.len(), rows);
+            let from = |at: usize| chosen[at % rows] * observations + at / rows;
             let sample = &mut self.samples[step];
             sample.lengths.clear();
             sample.lengths.extend(chosen.iter().map(|&episode| self.lengths[episode]));
-            let sample = sample.joint.resize(observations * rows * joint);
-            for (at, to) in sample.chunks_exact_mut(joint).enumerate() {
-                let from = chosen[at % rows] * observations + at / rows;
-                to.copy_from_slice(&self.episodes[from * joint..][..joint]);
-            }
+            let to = sample.joint.resize(observations * rows * joint).chunks_exact_mut(joint).enumerate();
+            to.for_each(|(at, to)| to.copy_from_slice(&self.episodes[from(at) * joint..][..joint]));
+            sample.actions.clear();
+            let actions = (0..observations * rows).map(|at| &self.actions[from(at) * agents..][..agents]);
+            actions.for_each(|actions| sample.actions.extend_from_slice(actions));
         }
         let samples = self.samples.iter();
-        samples.map(|Sample { joint, lengths }| Trajectories { rows, observations, lengths, joint }).collect()
+        let trajectories = samples.map(|Sample { lengths, joint, actions }| Trajectories {
+            rows,
+            observations,
+            lengths,
+            joint,
+            actions,
+        });
+        trajectories.collect()
     }
 
     /// All that is remembered, `[slots, observations, joint]`, for a checkpoint.
@@ -102,22 +119,36 @@ impl Replay {
         &self.lengths
     }
 
-    /// Takes over what [`Replay::episodes`] and [`Replay::lengths`] gave; false if that does not fit. Without lengths
-    /// all episodes are whole.
-    pub fn restore(&mut self, episodes: &[f32], lengths: Option<Vec<usize>>) -> bool {
+    /// What agents did, `[slots, observations, agents]`, for a checkpoint; empty where nobody sees that.
+    pub fn actions(&self) -> &[u8] {
+        &self.actions
+    }
+
+    /// Takes over what [`Replay::episodes`], [`Replay::lengths`] and [`Replay::actions`] gave; false if that does not
+    /// fit. Without lengths all episodes are whole.
+    pub fn restore(&mut self, episodes: &[f32], lengths: Option<Vec<usize>>, actions: Vec<u8>) -> bool {
         let length = self.observations * self.joint;
         let slots = episodes.len() / length;
         let lengths = lengths.unwrap_or_else(|| vec![self.observations; slots]);
         let fits = episodes.len() == slots * length
             && slots <= self.capacity
             && lengths.len() == slots
-            && lengths.iter().all(|length| (1..=self.observations).contains(length));
+            && lengths.iter().all(|length| (1..=self.observations).contains(length))
+            && actions.len() == slots * self.observations * self.agents;
         if fits {
             self.episodes = episodes.to_vec();
-            self.lengths = lengths;
+            (self.lengths, self.actions) = (lengths, actions);
         }
         fits
     }
+}
+
+/// The values of a slot, zero, in a list that grows as slots are filled.
+fn slot_of<T: Copy + Default>(all: &mut Vec<T>, slot: usize, length: usize) -> &mut [T] {
+    all.resize(all.len().max((slot + 1) * length), T::default());
+    let values = &mut all[slot * length..][..length];
+    values.fill(T::default());
+    values
 }
 
 /// `k` different numbers below `n`, every choice alike (Floyd's algorithm).
@@ -140,12 +171,15 @@ mod tests {
         let value = |t: usize, e: usize, d: usize| ((first as usize + e) * 100 + t * 10 + d) as f32;
         let at = |i: usize| value(i / 4, i / 2 % 2, i % 2);
         let joint = (0..16).map(at).collect();
-        Batch { episodes: 2, steps: 3, joint, ends: Ends::truncated(2, 3), ..Batch::default() }
+        // So do the actions of two agents.
+        let action = |i: usize| (first as usize + i / 2 % 2) * 30 + i / 4 * 10 + i % 2;
+        let actions = (0..12).map(|i| action(i) as u8).collect();
+        Batch { episodes: 2, steps: 3, joint, actions, ends: Ends::truncated(2, 3), ..Batch::default() }
     }
 
     #[test]
     fn samples_are_whole_episodes_ordered_by_time() {
-        let mut replay = Replay::new(4, 3, 2);
+        let mut replay = Replay::new(4, 3, 2, 2);
         assert!(replay.is_empty());
         for episode in 0..6 {
             replay.push(episode, &batch(episode / 2 * 2), (episode % 2) as usize);
@@ -162,6 +196,9 @@ mod tests {
                 let (t, row, dim) = (at / 8, at / 2 % 4, at % 2);
                 assert_eq!(*value as usize, seen[row] * 100 + t * 10 + dim);
             }
+            for (at, &action) in sample.actions.iter().enumerate() {
+                assert_eq!(usize::from(action), seen[at / 2 % 4] * 30 + at / 8 * 10 + at % 2);
+            }
             // The first two have been forgotten.
             seen.sort_unstable();
             assert_eq!(seen, [2, 3, 4, 5]);
@@ -170,7 +207,7 @@ mod tests {
 
     #[test]
     fn short_episodes_are_remembered_as_far_as_they_went() {
-        let mut replay = Replay::new(2, 3, 2);
+        let mut replay = Replay::new(2, 3, 2, 2);
         let mut short = batch(0);
         short.ends.set(0, 2, true);
         replay.push(0, &short, 0);
@@ -207,20 +244,28 @@ mod tests {
 
     #[test]
     fn what_is_remembered_can_be_restored() {
-        let mut replay = Replay::new(4, 3, 2);
+        let mut replay = Replay::new(4, 3, 2, 2);
         replay.push(0, &batch(0), 0);
         replay.push(1, &batch(0), 1);
-        let mut other = Replay::new(4, 3, 2);
-        assert!(other.restore(replay.episodes(), Some(replay.lengths().to_vec())));
-        assert_eq!(other.sample(1, 2, 1, 2)[0].joint, replay.sample(1, 2, 1, 2)[0].joint);
-        assert!(!other.restore(&[0.0; 7], None));
-        assert!(!other.restore(&[0.0; 30], None));
-        assert!(!other.restore(replay.episodes(), Some(vec![3])));
-        assert!(!other.restore(replay.episodes(), Some(vec![3, 4])));
-        assert!(!other.restore(replay.episodes(), Some(vec![0, 3])));
+        let mut other = Replay::new(4, 3, 2, 2);
+        let actions = || replay.actions().to_vec();
+        assert!(other.restore(replay.episodes(), Some(replay.lengths().to_vec()), actions()));
+        for lengths in [vec![3], vec![3, 4], vec![0, 3]] {
+            assert!(!other.restore(replay.episodes(), Some(lengths), actions()));
+        }
+        assert!(!other.restore(replay.episodes(), None, Vec::new()), "agents did something");
         assert_eq!(other.lengths(), [3, 3]);
         // As long as no episode could end early, no lengths were kept.
-        assert!(other.restore(replay.episodes(), None));
+        assert!(other.restore(replay.episodes(), None, actions()));
         assert_eq!(other.lengths(), [3, 3]);
+        let [found, expected] = [&mut other, &mut replay].map(|replay| {
+            let sample = replay.sample(1, 2, 1, 2)[0];
+            (sample.joint.to_vec(), sample.actions.to_vec())
+        });
+        assert_eq!(found, expected);
+        let mut blind = Replay::new(4, 3, 2, 0);
+        assert!(!blind.restore(&[0.0; 7], None, Vec::new()));
+        assert!(!blind.restore(&[0.0; 30], None, Vec::new()));
+        assert!(blind.restore(&[0.0; 24], None, Vec::new()));
     }
 }

@@ -178,7 +178,7 @@ impl Team {
                 Objective::ValueAware { .. } => episodes,
             };
             let steps = rows(episodes, steps - 1) * self.settings.predictor_updates as f64;
-            predictor.parameters.flop_both_ways() * steps
+            predictor.parameters.flop_both_ways() * steps * predictor.views() as f64
         });
         actors.sum::<f64>() + critics.sum::<f64>() + predictors.sum::<f64>()
     }

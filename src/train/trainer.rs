@@ -4,7 +4,7 @@ use super::checkpoint::{Checkpoint, Progress, State, available_actions};
 use super::memory_needed::check_memory;
 use super::replay::Replay;
 use super::{Algorithm, Batch, Config, Rollout, Team};
-use crate::agent::{AgentSettings, PolicySource, dims};
+use crate::agent::{AgentSettings, PolicySource, Registry, dims};
 use crate::base::error::Result;
 use crate::environment::{ActionSpace, Spec, Task};
 use crate::nn::kernels::all_finite;
@@ -76,6 +76,7 @@ impl Trainer {
             spec: self.task.spec().clone(),
             policy: PolicySource::Training,
             imputer: self.config.imputer(),
+            registry: Registry::default(),
             greedy: false,
             seed: self.config.seed,
             worlds: self.config.update_every,
@@ -140,10 +141,11 @@ impl State {
         let (dims, observation) = (dims(spec), spec.padded_obs_dim());
         let available = available_actions(spec);
         let remembered = if config.replays() { config.replay_episodes } else { 0 };
+        let seen = if config.sees_own_actions() { dims.n_agents } else { 0 };
         Ok(State {
             progress: Progress::default(),
             team: Team::untrained(config.settings(), &dims, observation, &available, config.seed, threads),
-            replay: Replay::new(remembered, spec.episode_steps, dims.joint),
+            replay: Replay::new(remembered, spec.episode_steps, dims.joint, seen),
             batch: Batch::zeros(spec, config.batch_episodes, !config.everything_arrives()),
         })
     }

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 
 use super::config::Config;
-use crate::agent::{AgentSettings, ImputerName, PolicySource};
+use crate::agent::{AgentSettings, PolicySource, Registry};
 use crate::base::error::Result;
 use crate::base::stats::{mean, std};
 use crate::base::threads::side_by_side;
@@ -68,14 +68,15 @@ fn play(
     task: &Task,
     policy: &Policy,
     row: usize,
-    imputer: &ImputerName,
+    imputer: &str,
     level: f64,
 ) -> Result<Trial> {
     let settings = AgentSettings {
         spec: task.spec().clone(),
         policy: PolicySource::Training,
         // Where everything is delivered, whoever imputes has nothing to do.
-        imputer: if level == 1.0 { ImputerName::Hold } else { imputer.clone() },
+        imputer: if level == 1.0 { "hold" } else { imputer }.to_owned(),
+        registry: Registry::default(),
         greedy: false,
         seed: config.seed,
         worlds: config.test_episodes.min(WORLDS) as usize,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{Comparison, Deviations};
-use crate::agent::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, PolicySource, Received, dims};
+use crate::agent::{Agent, AgentSettings, Inbox, PREFERRED, PolicySource, Received, Registry, dims};
 use crate::base::error::{Error, Result};
 use crate::environment::{Spec, Task};
 use crate::nn::{Meta, Policy, import};
@@ -25,7 +25,7 @@ pub(super) fn compare(
     let spec = task.spec();
     let policy = find_policy(file, recording, source, spec)?;
     let settings = AgentSettings {
-        imputer: ImputerName::choose(recording.header.imputer.as_deref(), &policy)?,
+        imputer: Registry::default().choose(recording.header.imputer.as_deref(), &policy)?,
         longest_delay: recording.episodes.iter().map(Episode::longest_delay).max().unwrap_or_default(),
         ..AgentSettings::of(spec)
     };

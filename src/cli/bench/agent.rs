@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::compare::Output;
 use super::some_seconds;
-use crate::agent::{Agent, AgentSettings, ImputerName, Inbox, PREFERRED, Received, dims};
+use crate::agent::{Agent, AgentSettings, Inbox, PREFERRED, Received, dims};
 use crate::base::distribution::Distribution;
 use crate::base::error::Result;
 use crate::bus::now_ns;
@@ -147,7 +147,7 @@ impl Measured {
 
     /// The agent's own tick.
     fn agent(&mut self, task: &Task, policy: &Policy, worlds: usize, longest: Duration) -> Result<()> {
-        let imputer = ImputerName::Predictor(PREFERRED.to_owned());
+        let imputer = PREFERRED.to_owned();
         let settings = AgentSettings { imputer, worlds, ..AgentSettings::of(task.spec()) };
         let mut agent = Agent::with_policy(&settings, policy, 0)?;
         let observation: Vec<f32> = numbers(task.spec().padded_obs_dim());
@@ -208,7 +208,7 @@ impl Measured {
             let began = now_ns();
             black_box(actor.forward(rows, &inputs));
             let acted = now_ns();
-            black_box(predictor.step(rows, &inputs));
+            black_box(predictor.step(rows, &inputs, &[]));
             if counts {
                 self.candle_actor.record(acted - began);
                 self.candle_predictor.record(now_ns() - acted);

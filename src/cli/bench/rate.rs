@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::compare::Output;
-use crate::agent::{AgentSettings, ImputerName};
+use crate::agent::{AgentSettings, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
 use crate::base::stats::{ci95, mean};
@@ -113,7 +113,7 @@ impl BenchRate {
     fn measure(&self, task: &Task, p: f64) -> Result<Measured> {
         let settings = AgentSettings::of(task.spec());
         let policy = settings.policy.load(task.spec())?;
-        let settings = AgentSettings { imputer: ImputerName::choose(None, &policy)?, ..settings };
+        let settings = AgentSettings { imputer: Registry::default().choose(None, &policy)?, ..settings };
         let lockstep = self.play(task, p, &mut InProcess::new(&settings, &policy)?)?;
         let at_rate = |rate: &f64| self.play_at(*rate, task, p, &settings, &policy);
         let mut at_rates = self.rates.iter().map(at_rate).collect::<Result<Vec<_>>>()?;

@@ -18,8 +18,8 @@ proptest! {
         let mut out = vec![0.0; rows * 2 * joint];
         for step in 0..4 {
             let inputs = numbers(seed ^ step, rows * joint);
-            predictor.step(rows, &inputs, &mut state, &mut scratch, &mut out);
-            for (found, expected) in out.iter().zip(oracle.step(rows, &inputs)) {
+            predictor.step(rows, &inputs, &[], &mut state, &mut scratch, &mut out);
+            for (found, expected) in out.iter().zip(oracle.step(rows, &inputs, &[])) {
                 prop_assert!((found - expected).abs() < 1e-5, "{found} is not {expected}");
             }
         }
@@ -33,8 +33,8 @@ fn a_held_dim_is_predicted_not_to_change() {
     let (rows, predicted) = (4, policy.dims().predicted);
     let mut out = vec![f32::NAN; rows * 2 * predicted];
     let inputs = numbers(5, rows * policy.dims().joint);
-    predictor.step(rows, &inputs, &mut predictor.state(rows), &mut Scratch::default(), &mut out);
-    let expected = oracle::Predictor::new(&policy, "value-aware", rows).step(rows, &inputs);
+    predictor.step(rows, &inputs, &[], &mut predictor.state(rows), &mut Scratch::default(), &mut out);
+    let expected = oracle::Predictor::new(&policy, "value-aware", rows).step(rows, &inputs, &[]);
     for (at, (&found, expected)) in out.iter().zip(expected).enumerate() {
         match at % (2 * predicted) {
             1 | 4 => assert_eq!(found, 0.0),
@@ -54,7 +54,7 @@ fn a_row_is_the_same_bits_alone_and_among_others() {
         let mut out = vec![0.0; rows * 2 * dims.predicted];
         for inputs in &inputs {
             let inputs = &inputs[from * dims.joint..][..rows * dims.joint];
-            predictor.step(rows, inputs, &mut state, &mut scratch, &mut out);
+            predictor.step(rows, inputs, &[], &mut state, &mut scratch, &mut out);
         }
         (bits(&out), bits(&state.hidden), bits(&state.cell))
     };
@@ -73,7 +73,7 @@ fn a_state_that_starts_again_is_a_new_one() {
     let predictor = policy.predictor("maro").unwrap();
     let mut state = predictor.state(2);
     let mut out = vec![0.0; 4 * policy.dims().predicted];
-    predictor.step(2, &numbers(1, 14), &mut state, &mut Scratch::default(), &mut out);
+    predictor.step(2, &numbers(1, 14), &[], &mut state, &mut Scratch::default(), &mut out);
     assert_ne!(state, predictor.state(2));
     for rows in [2, 1, 3] {
         state.start(predictor, rows);
