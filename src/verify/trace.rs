@@ -67,6 +67,7 @@ fn replay(
         agent.act(0, step as u32, 1);
         estimates.at(number, step).add_all(agent.estimates(), &episode.joint_estimate[step][index]);
         logits.at(number, step).add_all(&agent.logits()[..available], &episode.logits[step][index]);
+        agent.correct(&episode.actions[step][index].words(1));
         agent.predict();
     }
 }

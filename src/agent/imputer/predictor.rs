@@ -100,3 +100,48 @@ impl Prediction {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::dims;
+    use crate::environment::Task;
+    use crate::nn::{ActorKind, Input, Networks, Policy, PredictorSpec};
+
+    /// What an agent that receives nothing believes after it has done these things; what it was mistaken about is
+    /// put right afterwards.
+    fn believes(agent: usize, done: &[u32], mistaken: &[u32]) -> Vec<u32> {
+        let task = Task::parse("spread-xy-2").unwrap();
+        let spec = PredictorSpec { hidden: 6, ..PredictorSpec::paper("one") };
+        let spec = PredictorSpec { inputs: vec![Input::Estimate, Input::OwnAction], ..spec };
+        let networks = Networks { predictors: vec![spec], ..Networks::paper(ActorKind::Mlp) };
+        let policy = Policy::untrained(&dims(task.spec()), 3, networks).unwrap();
+        let setup = Setup { spec: task.spec(), policy: &policy, agent, worlds: 1, seed: 0 };
+        let mut imputer = Prediction::new("one", &setup).unwrap();
+        imputer.begin_episodes(1);
+        let (own, mut estimate) = (vec![0.5; 8], vec![0.0; task.spec().joint_dim()]);
+        for (step, (done, mistaken)) in (0..).zip(done.iter().zip(mistaken)) {
+            imputer.fuse(0, &own, &Inbox::of(2, |_| None), &mut estimate);
+            let told = |action| Step { episode: 0, step, estimates: &estimate, actions: action };
+            imputer.predict(&told(std::slice::from_ref(mistaken)));
+            if mistaken != done {
+                imputer.revise(&told(std::slice::from_ref(done)));
+            }
+        }
+        imputer.fuse(0, &own, &Inbox::of(2, |_| None), &mut estimate);
+        estimate.iter().map(|value| value.to_bits()).collect()
+    }
+
+    #[test]
+    fn what_an_agent_did_counts_and_whose_it_was() {
+        let actions = [1, 4, 2, 0];
+        assert_ne!(believes(0, &actions, &actions), believes(0, &[1, 4, 3, 0], &[1, 4, 3, 0]));
+        assert_ne!(believes(0, &actions, &actions)[4..8], believes(1, &actions, &actions)[..4]);
+    }
+
+    #[test]
+    fn a_mistake_about_the_own_action_leaves_nothing_behind() {
+        let actions = [1, 4, 2, 0];
+        assert_eq!(believes(0, &actions, &[1, 3, 2, 2]), believes(0, &actions, &actions));
+    }
+}

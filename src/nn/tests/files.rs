@@ -186,3 +186,51 @@ proptest! {
 }
 
 static GOOD: std::sync::LazyLock<Vec<u8>> = std::sync::LazyLock::new(good);
+
+/// A policy whose predictor of this name sees the own action.
+fn sees_own_actions() -> Policy {
+    let mut networks = networks(ActorKind::Mlp, Sharing::Separate);
+    networks.predictors[1].inputs = vec![Input::Estimate, Input::OwnAction];
+    Policy::untrained(&dims(), 11, networks).unwrap()
+}
+
+#[test]
+fn what_a_predictor_sees_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("policy.safetensors");
+    let policy = sees_own_actions();
+    policy.save(&path).unwrap();
+    let opened = Policy::open(&path, &dims()).unwrap();
+    assert_eq!(opened.networks(), policy.networks());
+    assert_eq!(bits(&values(&opened)), bits(&values(&policy)));
+    let words = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
+    // Where there is only one input, it stands as it always did.
+    assert!(words.contains(r#"\"inputs\":\"estimate\""#), "{words}");
+    assert!(words.contains(r#"\"inputs\":[\"estimate\",\"own-action\"]"#), "{words}");
+}
+
+#[test]
+fn inputs_that_there_are_not_are_refused_by_name() {
+    let with = |inputs: &str| {
+        let predictor =
+            format!(r#"[{{"name":"maro","inputs":{inputs},"sigma":"exp","held":[],"hidden":5}}]"#);
+        with_word("predictors", Some(predictor.leak()))
+    };
+    failed(
+        &with(r#"["estimate","weather"]"#),
+        "unknown variant `weather`, expected `estimate` or `own-action`",
+    );
+    failed(&with(r#""weather""#), "unknown variant `weather`");
+    failed(&with("7"), "expected `estimate` or a list of inputs");
+    for out_of_order in
+        [r#"[]"#, r#""own-action""#, r#"["own-action","estimate"]"#, r#"["estimate","estimate"]"#]
+    {
+        failed(&with(out_of_order), "predictor \"maro\" sees `estimate` first");
+    }
+    let bytes = changed(|header, _| {
+        let predictors = header["__metadata__"]["predictors"].as_str().unwrap();
+        let acting = predictors.replacen(r#""estimate""#, r#"["estimate","own-action"]"#, 1);
+        header["__metadata__"]["predictors"] = json!(acting);
+    });
+    failed(&bytes, "predictors.maro.fc1.weight is [7, 5], expected [22, 5]");
+}

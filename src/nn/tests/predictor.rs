@@ -6,10 +6,11 @@ proptest! {
 
     #[test]
     fn predictors_agree_with_candle(
-        hidden in 1usize..70, joint in 1usize..40, rows in 1usize..12, seed in any::<u64>(),
+        hidden in 1usize..70, joint in 1usize..40, rows in 1usize..12, acts in any::<bool>(), seed in any::<u64>(),
     ) {
-        let dims = Dims { task: "toy".to_string(), n_agents: 1, joint, predicted: joint, n_actions: 5 };
-        let predictors = vec![PredictorSpec { hidden, ..PredictorSpec::paper("one") }];
+        let dims = Dims { task: "toy".to_string(), n_agents: 2, joint, predicted: joint, n_actions: 5 };
+        let inputs = if acts { vec![Input::Estimate, Input::OwnAction] } else { vec![Input::Estimate] };
+        let predictors = vec![PredictorSpec { hidden, inputs, ..PredictorSpec::paper("one") }];
         let networks = Networks { hidden: 1, predictors, ..Networks::paper(ActorKind::Mlp) };
         let policy = Policy::untrained(&dims, seed, networks).unwrap();
         let predictor = policy.predictor("one").unwrap();
@@ -18,8 +19,9 @@ proptest! {
         let mut out = vec![0.0; rows * 2 * joint];
         for step in 0..4 {
             let inputs = numbers(seed ^ step, rows * joint);
-            predictor.step(rows, &inputs, &[], &mut state, &mut scratch, &mut out);
-            for (found, expected) in out.iter().zip(oracle.step(rows, &inputs, &[])) {
+            let acts: Vec<usize> = (0..rows).map(|row| (seed as usize ^ step as usize ^ row) % 10).collect();
+            predictor.step(rows, &inputs, &acts, &mut state, &mut scratch, &mut out);
+            for (found, expected) in out.iter().zip(oracle.step(rows, &inputs, &acts)) {
                 prop_assert!((found - expected).abs() < 1e-5, "{found} is not {expected}");
             }
         }

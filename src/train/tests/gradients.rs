@@ -76,12 +76,16 @@ fn the_gradient_of_a_critic_is_that_of_its_loss() {
 fn the_gradient_of_a_predictor_is_that_of_its_loss() {
     for batch in [batch(5), ended(5)] {
         let advantages = numbers(9, batch.actions.len());
-        for (objective, held) in [
-            (Objective::ValueAware { lambda: 2.0 }, vec![]),
-            (Objective::ValueAware { lambda: 1.0 }, vec![1, 4]),
-            (Objective::Maro, vec![]),
+        let (estimate, acting) = (vec![Input::Estimate], vec![Input::Estimate, Input::OwnAction]);
+        for (objective, held, inputs) in [
+            (Objective::ValueAware { lambda: 2.0 }, vec![], &estimate),
+            (Objective::ValueAware { lambda: 1.0 }, vec![1, 4], &estimate),
+            (Objective::Maro, vec![], &estimate),
+            (Objective::ValueAware { lambda: 2.0 }, vec![3], &acting),
+            (Objective::Maro, vec![], &acting),
         ] {
-            let mut predictor = still_predictor(objective, held, false);
+            let spec = PredictorSpec { hidden: 5, held, inputs: inputs.clone(), ..PredictorSpec::paper("p") };
+            let mut predictor = still(spec, objective, false);
             let learn = |predictor: &mut Predictor| {
                 let trajectories = batch.trajectories();
                 predictor.learn(&once(), trajectories, &advantages, &[trajectories]).unwrap()
@@ -89,7 +93,8 @@ fn the_gradient_of_a_predictor_is_that_of_its_loss() {
             learn(&mut predictor);
             let (values, gradient) =
                 (predictor.parameters.values.clone(), predictor.parameters.gradient.clone());
-            check_gradient(&format!("{objective:?}, {:?}", batch.ends), &values, &gradient, |values| {
+            let what = format!("{objective:?}, {inputs:?}, {:?}", batch.ends);
+            check_gradient(&what, &values, &gradient, |values| {
                 predictor.parameters.values = values.clone();
                 learn(&mut predictor).loss
             });

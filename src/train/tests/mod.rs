@@ -13,7 +13,7 @@ use super::memory::{Buffer, Flat};
 use super::network::Network;
 use super::*;
 use crate::base::rng::{Draws, Purpose};
-use crate::nn::{ActorKind, Dims, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
+use crate::nn::{ActorKind, Dims, Input, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
@@ -73,6 +73,14 @@ fn settings(actor: ActorKind, sharing: Sharing) -> Settings {
     }
 }
 
+/// The same with predictors that see what their agent does.
+fn acting(mut settings: Settings) -> Settings {
+    for predictor in &mut settings.networks.predictors {
+        predictor.inputs = vec![Input::Estimate, Input::OwnAction];
+    }
+    settings
+}
+
 fn team(settings: Settings, threads: usize) -> Team {
     Team::untrained(settings, &dims(), OBSERVATION, &AVAILABLE, 5, threads)
 }
@@ -93,7 +101,11 @@ fn once() -> Settings {
 
 /// A predictor for `objective` that does not move.
 fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool) -> Predictor {
-    let spec = PredictorSpec { hidden: 5, held, ..PredictorSpec::paper("p") };
+    still(PredictorSpec { hidden: 5, held, ..PredictorSpec::paper("p") }, objective, carry_gradients)
+}
+
+/// A predictor of this kind that does not move.
+fn still(spec: PredictorSpec, objective: Objective, carry_gradients: bool) -> Predictor {
     let settings =
         PredictorSettings { objective, learning_rate: 0.0, largest_gradient: 0.1, carry_gradients };
     Predictor::new(&spec, &settings, &dims(), Backend::Native, 2)
@@ -108,7 +120,9 @@ fn saved(team: &Team) -> HashMap<String, Vec<f32>> {
 fn any_number_of_threads_comes_to_the_same_bits() {
     for (kind, sharing) in kinds() {
         let learn = |threads| {
-            let mut team = team(settings(kind, sharing), threads);
+            let settings = settings(kind, sharing);
+            let settings = if kind == ActorKind::Gru { acting(settings) } else { settings };
+            let mut team = team(settings, threads);
             for seed in 0..3 {
                 let (batch, replay) = (batch(seed), batch(seed + 100));
                 team.update(&batch, &[replay.trajectories()]);
@@ -189,13 +203,28 @@ fn operations_counted_by_hand() {
     let predictor = |episodes: usize| 2 * (2 * first + 3 * (cell + out)) * 2 * (episodes * 5);
     let expected = actor + critic + predictor(4) + predictor(7);
     assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
+
+    // A predictor that sees its agent's action has a row for each agent, and 3 x 5 more values in it.
+    let settings = acting(Settings {
+        predictor_updates: 2,
+        epochs: 3,
+        ..self::settings(ActorKind::Gru, Sharing::Shared)
+    });
+    let team = self::team(settings, 1);
+    let first = 23 * 5;
+    let predictor = |episodes: usize| 2 * (2 * first + 3 * (cell + out)) * 2 * (episodes * 5) * N;
+    let expected = actor + critic + predictor(4) + predictor(7);
+    assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
 }
 
 #[test]
 fn candle_comes_to_the_same_weights() {
     for (kind, sharing) in kinds() {
         let learn = |backend| {
-            let mut team = team(Settings { backend, ..settings(kind, sharing) }, 2);
+            let settings = Settings { backend, ..settings(kind, sharing) };
+            // Both kinds of predictor, by turns.
+            let settings = if kind == ActorKind::Gru { acting(settings) } else { settings };
+            let mut team = team(settings, 2);
             let start = saved(&team);
             for seed in 0..3 {
                 team.update(&ended(seed), &[batch(seed + 100).trajectories()]);

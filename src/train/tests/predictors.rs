@@ -77,3 +77,71 @@ fn what_predictors_say() {
     let parts: f64 = (0..N).map(|agent| learn(1.0, &only(agent)).loss).sum();
     assert!((parts / N as f64 - alike.nll).abs() < 1e-6);
 }
+
+/// A predictor that sees what its agent does.
+fn acting(objective: Objective) -> Predictor {
+    let inputs = vec![Input::Estimate, Input::OwnAction];
+    still(PredictorSpec { hidden: 5, inputs, ..PredictorSpec::paper("p") }, objective, false)
+}
+
+/// Gives the rows of its first layer's weight that actions are multiplied by the value zero.
+fn ignore_actions(predictor: &mut Predictor) {
+    let weight = predictor.parameters.values.tensor_mut(0);
+    weight[dims().joint * 5..].fill(0.0);
+}
+
+#[test]
+fn who_ignores_what_agents_do_has_the_loss_of_who_does_not_see_it() {
+    let batch = batch(6);
+    let advantages = numbers(10, 72);
+    for objective in [Objective::Maro, Objective::ValueAware { lambda: 1.0 }] {
+        let mut acting = acting(objective);
+        ignore_actions(&mut acting);
+        let mut blind = still_predictor(objective, vec![], false);
+        for at in 1..blind.parameters.specs.len() {
+            blind.parameters.values.tensor_mut(at).copy_from_slice(acting.parameters.values.tensor(at));
+        }
+        let estimate = &acting.parameters.values.tensor(0)[..dims().joint * 5];
+        blind.parameters.values.tensor_mut(0).copy_from_slice(estimate);
+        let [acting, blind] = [&mut acting, &mut blind].map(|predictor| {
+            predictor.learn(&once(), batch.trajectories(), &advantages, &[batch.trajectories()]).unwrap()
+        });
+        assert!((acting.loss - blind.loss).abs() < 1e-6, "{acting:?}, {blind:?}");
+        assert!((acting.nll - blind.nll).abs() < 1e-6, "{acting:?}, {blind:?}");
+        assert!(acting.gradient > blind.gradient, "there is something to learn of actions");
+    }
+}
+
+#[test]
+fn the_loss_is_over_what_every_agent_predicts_on_what_it_did() {
+    let batch = batch(6);
+    let mut predictor = acting(Objective::Maro);
+    let found = predictor.learn(&once(), batch.trajectories(), &[], &[batch.trajectories()]).unwrap();
+
+    // The same by the network that agents run, row by row.
+    let specs = PredictorSpec { hidden: 5, ..PredictorSpec::paper("p") };
+    let specs = PredictorSpec { inputs: vec![Input::Estimate, Input::OwnAction], ..specs };
+    let networks = Networks { hidden: 1, predictors: vec![specs], ..Networks::paper(ActorKind::Mlp) };
+    let untrained = Policy::untrained(&dims(), 2, networks).unwrap();
+    let predictor = untrained.predictor("p").unwrap();
+    let (mut sum, mut count, mut out) = (0.0, 0, vec![0.0; 2 * dims().predicted]);
+    for episode in 0..batch.episodes {
+        for agent in 0..N {
+            let (mut state, mut scratch) = (predictor.state(1), Scratch::default());
+            for step in 0..batch.steps - 1 {
+                let joint = |step: usize| &batch.joint[(step * batch.episodes + episode) * 8..][..8];
+                let action = batch.actions[(step * batch.episodes + episode) * N + agent];
+                let act = dims().act(agent, action.into());
+                predictor.step(1, joint(step), &[act], &mut state, &mut scratch, &mut out);
+                for dim in 0..dims().predicted {
+                    let (mean, raw) = (f64::from(out[dim]), f64::from(out[dims().predicted + dim]));
+                    let z = (f64::from(joint(step + 1)[dim] - joint(step)[dim]) - mean) / raw.exp();
+                    sum += z * z / 2.0 + raw + (2.0 * std::f64::consts::PI).sqrt().ln();
+                }
+                // Each agent's own part by itself.
+                count += N;
+            }
+        }
+    }
+    assert!((found.loss - sum / count as f64).abs() < 1e-5, "{found:?}, {}", sum / count as f64);
+}
