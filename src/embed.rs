@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use crate::agent::Registry;
 use crate::agent::process::{self, ProcessSettings};
 use crate::base::error::Result;
 use crate::failed;
@@ -14,8 +15,10 @@ const SETTINGS: &str = "{\"address\":";
 /// Runs an agent if this process was started for that, and never returns then. Otherwise notes that this program can be
 /// an agent, without which it starts no swarm of processes.
 ///
+/// The agent finds its imputer in `registry`, by name: it is the one that the supervisor's settings have.
+///
 /// This comes first in `main`: what stands before it each agent does too.
-pub fn run_if_agent() {
+pub fn run_if_agent(registry: &Registry) {
     AgentCommand::allow_this_program();
     let words: Vec<_> = std::env::args_os().rev().take(2).collect();
     let [settings, what] = words.as_slice() else { return };
@@ -24,7 +27,11 @@ pub fn run_if_agent() {
     let settings: Result<ProcessSettings> = serde_json::from_str(settings).map_err(|e| {
         failed!("this program is no agent for the one that started it, which is another version: {e}")
     });
-    std::process::exit(match settings.and_then(|settings| process::run(&settings)) {
+    let run = |mut process: ProcessSettings| {
+        process.settings.registry = registry.clone();
+        process::run(&process)
+    };
+    std::process::exit(match settings.and_then(run) {
         Ok(()) => 0,
         Err(error) => {
             // Where stderr cannot be written nobody can be told.

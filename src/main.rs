@@ -4,10 +4,11 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
+use vamaro_swarm::agent::Registry;
 use vamaro_swarm::cli::Cli;
 
 fn main() -> ExitCode {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&Registry::default());
     match Cli::parse().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -197,7 +197,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
 /// Not a test: what the agents of the one below run. No test may have its name as a part of its own.
 #[test]
 fn agent() {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&vamaro_swarm::agent::Registry::default());
 }
 
 /// A team that notes how many allocations there have been when a tick of it begins and when it ends.

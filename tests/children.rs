@@ -18,7 +18,7 @@ use vamaro_swarm::supervisor::{Conduct, Deadlines, Decisions, Observer, Processe
 /// would run them too.
 #[test]
 fn agent() {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&vamaro_swarm::agent::Registry::default());
 }
 
 fn conduct() -> Conduct {

@@ -32,7 +32,6 @@ impl Link for EvenSteps {
 }
 
 fn settings(task: &Task, imputer: &str, links: &Links, worlds: usize) -> AgentSettings {
-    let policy = PolicySource::Builtin.load(task.spec()).unwrap();
     let imputer = imputer.to_owned();
     AgentSettings { imputer, worlds, longest_delay: links.longest_delay(), ..AgentSettings::of(task.spec()) }
 }

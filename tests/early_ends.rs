@@ -236,7 +236,7 @@ fn counts_and_audit_skip_worlds_that_are_done() {
 /// Not a test: what the agents of the last one run. No other test may have its name as a part of its own.
 #[test]
 fn agent() {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&vamaro_swarm::agent::Registry::default());
 }
 
 #[test]

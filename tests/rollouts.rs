@@ -27,7 +27,7 @@ const SEED: u64 = 4;
 /// would run them too.
 #[test]
 fn agent() {
-    vamaro_swarm::run_if_agent();
+    vamaro_swarm::run_if_agent(&vamaro_swarm::agent::Registry::default());
 }
 
 /// How swarms of this binary run.
