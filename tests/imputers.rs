@@ -34,7 +34,7 @@ struct Mean {
 }
 
 impl Mean {
-    fn new(setup: &Setup) -> Result<Box<dyn Imputer>> {
+    fn make(setup: &Setup) -> Result<Box<dyn Imputer>> {
         let layout = JointLayout::of(setup.spec);
         let counts = vec![0.0; setup.worlds * layout.agents];
         let sums = vec![0.0; counts.len() * layout.unique];
@@ -71,7 +71,7 @@ impl Imputer for Mean {
 }
 
 fn registry() -> Registry {
-    Registry::default().with_imputer("mean", "the mean of what was received", Mean::new)
+    Registry::default().with_imputer("mean", "the mean of what was received", Mean::make)
 }
 
 /// Not a test: what the agents of the others run. None of those may have its name as a part of theirs.
