@@ -33,10 +33,10 @@ fn pieces(c: &mut Criterion) {
             let mut agent = Agent::with_policy(&settings, &policy, 0).expect("an agent");
             let observation = numbers(task.spec().padded_obs_dim());
             let inbox =
-                Inbox::of(task.spec().n_agents(), |_| Some(Received { tick: 1, observation: &observation }));
+                Inbox::of(task.spec().n_agents(), |_| Some(Received { age: 0, observation: &observation }));
             agent.begin_episode(worlds);
             c.bench_function(&format!("fuse, {kind}, {worlds} worlds"), |bencher| {
-                bencher.iter(|| (0..worlds).for_each(|world| _ = agent.fuse(world, &observation, &inbox)))
+                bencher.iter(|| (0..worlds).for_each(|world| agent.fuse(world, &observation, &inbox)))
             });
             c.bench_function(&format!("act, {kind}, {worlds} worlds"), |bencher| {
                 bencher.iter(|| agent.act(0, 0, worlds))

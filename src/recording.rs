@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
 use crate::environment::{ActionSpace, State};
+use crate::link::LONGEST_DELAY;
 
 /// A file of recorded episodes.
 #[derive(Clone, Debug, Deserialize)]
@@ -95,9 +96,13 @@ pub struct Episode {
     /// Whether the episode ended because nothing was left to earn, and not because time was up.
     #[serde(default, skip_serializing_if = "is_false")]
     pub terminated: bool,
-    /// `[T][receiver][sender]`, 1 if delivered (traces).
+    /// `[T][receiver][sender]`, 1 if delivered at once (traces).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub delivered: Vec<Vec<Vec<u8>>>,
+    /// `[T][receiver][sender]`, how many ticks ago what was delivered had been sent, null if nothing was (traces of links
+    /// that can postpone).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ages: Vec<Vec<Vec<Option<u8>>>>,
     /// `[T][agent][joint]`, the policy's input (traces).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub joint_estimate: Vec<Vec<Vec<f32>>>,
@@ -199,6 +204,9 @@ impl Recording {
             if episode.delivered.iter().flatten().any(|row| row.len() != n_agents) {
                 return Err(format!("episode {number}: a row of `delivered` is not {n_agents} long"));
             }
+            if !episode.ages.is_empty() {
+                episode.check_ages(n_agents, trace).map_err(|what| format!("episode {number}: {what}"))?;
+            }
         }
         Ok(())
     }
@@ -223,6 +231,31 @@ impl Episode {
     pub fn push_state(&mut self, state: State) {
         self.agent_pos.push(state.positions);
         self.agent_vel.push(state.velocities);
+    }
+
+    /// How many ticks ago what reaches `receiver` from `sender` at a step was sent; `None` if nothing does.
+    pub fn age(&self, step: usize, receiver: usize, sender: usize) -> Option<u8> {
+        let at_once = || (self.delivered[step][receiver][sender] == 1).then_some(0);
+        self.ages.get(step).map_or_else(at_once, |ages| ages[receiver][sender])
+    }
+
+    /// The most ticks that anything was under way.
+    pub fn longest_delay(&self) -> u8 {
+        self.ages.iter().flatten().flatten().flatten().copied().max().unwrap_or_default()
+    }
+
+    /// Checks that `ages` has so many steps, and holds nothing from before the episode or after what links can do.
+    fn check_ages(&self, agents: usize, steps: usize) -> std::result::Result<(), String> {
+        let rows = self.ages.iter().flatten();
+        if shape(&self.ages) != Some((steps, agents)) || rows.clone().any(|row| row.len() != agents) {
+            return Err(format!("`ages` is not {steps} steps of {agents} rows of {agents}"));
+        }
+        let too_old = |(step, rows): (usize, &Vec<Vec<Option<u8>>>)| {
+            let oldest = step.min(LONGEST_DELAY.into());
+            let age = rows.iter().flatten().flatten().find(|age| usize::from(**age) > oldest);
+            age.map(|age| format!("`ages` of step {step} has {age}, and {oldest} is the most there can be"))
+        };
+        self.ages.iter().enumerate().find_map(too_old).map_or(Ok(()), Err)
     }
 
     /// The state before step `step`, and the words of the actions of the step before, `[agents, width]`, if there was one.

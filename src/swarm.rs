@@ -235,6 +235,7 @@ impl SwarmBuilder {
             greedy: self.greedy,
             seed: self.seed,
             worlds: environment.worlds(),
+            longest_delay: links.longest_delay(),
             spec,
         };
         let agents = if self.in_process {

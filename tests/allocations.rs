@@ -15,7 +15,7 @@ use vamaro_swarm::bus::{
     AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
 };
 use vamaro_swarm::environment::{Outcome, Task};
-use vamaro_swarm::link::Links;
+use vamaro_swarm::link::{LinkSpec, Links};
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
     Audit, Conduct, Decisions, InProcess, Ledger, Processes, Session, Stage, Team, Tick,
@@ -141,9 +141,9 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                 let counted = [
                     allocations(|| {
                         for agent in 0..agents {
-                            let (rows, own) =
-                                (&tick.rows[agent..=agent], tick.observation(task.spec(), agent, 0));
-                            let write = |words: &mut [u32]| layout.write_sensor(words, rows, own);
+                            let (ages, own) =
+                                (tick.arriving(agent, 0), tick.observation(task.spec(), agent, 0));
+                            let write = |words: &mut [u32]| layout.write_sensor(words, ages, own);
                             supervisor.send_sensor(agent, header, write).unwrap();
                         }
                         supervisor.wake_agents().unwrap();
@@ -230,13 +230,14 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
             imputer,
             policy: PolicySource::Training,
             worlds: 2,
+            longest_delay: 3,
             ..AgentSettings::of(task.spec())
         };
         let policy = Policy::untrained(&dims(task.spec()), 1, Networks::paper(ActorKind::Mlp)).unwrap();
         let conduct = Conduct { wait, rate, command: common::this_binary(), ..Conduct::default() };
         let mut ticks = Vec::with_capacity(EPISODES * EPISODE_STEPS);
         let team = Processes::start(&settings, &policy, conduct.clone()).unwrap();
-        let links = Links::level(0.5);
+        let links = LinkSpec::parse("gilbert(0.1, 0.3) + delay(2, 1)", 4).unwrap().build();
         let mut session = Session::new(task.environment(settings.worlds), links, 1);
         let (mut ledger, mut audit) = (Ledger::default(), Audit::default());
         let episodes = (EPISODES * settings.worlds) as u64;

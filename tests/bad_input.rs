@@ -46,6 +46,8 @@ fn requests_that_make_no_sense() {
     fail("spawn --imputer clairvoyant", 2, &["clairvoyant", "value-aware", "hold"]);
     fail("spawn --links sometimes", 2, &["uniform, asymmetric, dynamic"]);
     fail("spawn --links unifrom", 2, &["nearest is `uniform`"]);
+    fail("spawn --links delay(101)", 2, &["ticks: `101` is not a whole number of ticks from 0 to 100"]);
+    fail("spawn --links delay(60)+delay(60)", 2, &["up to 120 ticks", "kept for 100"]);
     fail("spawn --links level(2)", 2, &["p: `2` is not a probability from 0 to 1", "level(p)"]);
     fail("spawn --links level(0.5)+", 2, &["there are no links ``"]);
     fail("spawn --in-process --wait spin", 2, &["--wait"]);

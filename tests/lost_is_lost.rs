@@ -15,8 +15,8 @@ const EPISODE_STEPS: usize = 25;
 struct Poisoned {
     port: LocalPort,
     layout: Layout,
-    /// Per world, who is received at this tick.
-    rows: Vec<u64>,
+    /// How old what arrives at this tick is, `[worlds, agents]`.
+    ages: Vec<u8>,
 }
 
 impl AgentPort for Poisoned {
@@ -27,7 +27,7 @@ impl AgentPort for Poisoned {
         if let Some(sample) = &sample {
             let worlds = sample.header().worlds as usize;
             let sensor = self.layout.sensor(sample.words(), worlds);
-            self.rows = (0..worlds).map(|world| sensor.row(world)).collect();
+            self.ages = sensor.ages.to_vec();
         }
         Ok(sample)
     }
@@ -39,7 +39,7 @@ impl AgentPort for Poisoned {
         Ok(Some(LocalSample::new(header, |words| {
             words.copy_from_slice(sample.words());
             for (world, words) in words.chunks_exact_mut(self.layout.observation).enumerate() {
-                if self.rows[world] >> header.sender & 1 == 0 {
+                if self.ages[world * self.layout.agents + header.sender as usize] != 0 {
                     words.fill(f32::NAN.to_bits());
                 }
             }
@@ -97,7 +97,7 @@ fn nothing_of_a_lost_observation_gets_through() {
             let (layout, policy) = (settings.layout(), settings.policy.load(task.spec()).unwrap());
             for p in [0.0, 0.3, 0.8] {
                 let mut plain = InProcess::new(&settings, &policy).unwrap();
-                let poison = |port| Poisoned { port, layout, rows: Vec::new() };
+                let poison = |port| Poisoned { port, layout, ages: Vec::new() };
                 let mut poisoned = InProcess::with_ports(&settings, &policy, poison).unwrap();
                 let expected = play(&mut plain, &task, p, share_at_start);
                 assert!(play(&mut poisoned, &task, p, share_at_start) == expected, "{name}, p = {p}");

@@ -192,16 +192,22 @@ fn training_that_diverges_stops_with_the_last_good_checkpoint() {
 #[test]
 fn actions_that_nobody_has_are_refused() {
     let folder = Folder::new();
-    let run = folder.train("run", "--steps 500 --in-process --set update_every=5");
+    let words = "--steps 500 --in-process --set update_every=5 --set predictor_inputs=estimate,own-action";
+    let run = folder.train("run", words);
     let checkpoint = run.join("checkpoint.safetensors");
-    let mut bytes = fs::read(&checkpoint).unwrap();
-    let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
-    let tensors: Value = serde_json::from_slice(&bytes[8..header]).unwrap();
-    let first = tensors["batch.actions"]["data_offsets"][0].as_u64().unwrap() as usize;
-    bytes[header + first..][..4].copy_from_slice(&200f32.to_le_bytes());
-    fs::write(&checkpoint, bytes).unwrap();
-    let resume = format!("train --resume --in-process --steps 1000 --out {}", run.display());
-    fail(&resume, 1, &["damaged", "batch.actions"]);
+    let good = fs::read(&checkpoint).unwrap();
+    let header = 8 + u64::from_le_bytes(good[..8].try_into().unwrap()) as usize;
+    let tensors: Value = serde_json::from_slice(&good[8..header]).unwrap();
+    for name in ["batch.actions", "replay.actions"] {
+        for action in [200.0f32, -1.0, f32::NAN] {
+            let mut bytes = good.clone();
+            let first = tensors[name]["data_offsets"][0].as_u64().unwrap() as usize;
+            bytes[header + first..][..4].copy_from_slice(&action.to_le_bytes());
+            fs::write(&checkpoint, bytes).unwrap();
+            let resume = format!("train --resume --in-process --steps 1000 --out {}", run.display());
+            fail(&resume, 1, &["damaged", name]);
+        }
+    }
 }
 
 #[test]
@@ -216,8 +222,8 @@ fn checkpoints_of_other_runs_and_damaged_ones_are_refused() {
     // A truncated file, another version, a policy in its place.
     fs::write(&checkpoint, &good[..good.len() - 4]).unwrap();
     fail(&resume, 1, &["damaged"]);
-    let text = String::from_utf8_lossy(&good).into_owned();
-    let at = text.find("\"version\":\"1\"").expect("the metadata is at the beginning");
+    let version = b"\"version\":\"1\"";
+    let at = good.windows(version.len()).position(|bytes| bytes == version).expect("it is in the metadata");
     let mut other = good.clone();
     other[at + 11] = b'7';
     fs::write(&checkpoint, other).unwrap();

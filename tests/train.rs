@@ -95,6 +95,36 @@ fn processes_and_threads_change_nothing() {
 }
 
 #[test]
+fn predictors_that_see_the_own_action_hold_to_the_same_promises() {
+    let folder = Folder::new();
+    let acting =
+        "--steps 3000 --predictors maro,value-aware --train-p 0.5 --set predictor_inputs=estimate,own-action";
+    let processes = folder.train("processes", &format!("--task spread-xy-2 {acting}"));
+    let here = folder.train("here", &format!("--task spread-xy-2 {acting} --in-process --threads 2"));
+    assert_same(&processes, &here);
+    let blind = acting.replace(",own-action", "");
+    let blind = folder.train("blind", &format!("--task spread-xy-2 {blind} --in-process"));
+    assert_ne!(result(&here).0, result(&blind).0, "what agents do changes what is learned");
+
+    // A run that stopped goes on with the actions that it remembers.
+    let parts =
+        folder.train("parts", &format!("--task spread-xy-2 {acting} --in-process").replace("3000", "1500"));
+    succeed(&format!("train --resume --out {} --in-process --steps 3000", parts.display()));
+    assert_same(&here, &parts);
+
+    let policy = here.join("policy.safetensors");
+    let inspected = succeed(&format!("inspect {}", policy.display()));
+    assert!(inspected.contains("maro (hidden 16, sees the own action)"), "{inspected}");
+    let trace = folder.path("trace.json");
+    let spawn = format!("spawn --policy {} --imputer maro --p 0.3 --episodes 3", policy.display());
+    succeed(&format!("{spawn} --worlds 2 --record {}", trace.display()));
+    let verified = succeed(&format!("verify {}", trace.display()));
+    assert!(verified.contains("all 9 comparisons hold"), "{verified}");
+    let evaluate = format!("evaluate {} --task spread-xy-2 --episodes 4 --levels 0.3", policy.display());
+    succeed(&format!("{evaluate} --imputers maro,hold --report {}", folder.path("report").display()));
+}
+
+#[test]
 fn settings_decide_what_comes_out() {
     let folder = Folder::new();
     let settings = [
@@ -110,6 +140,7 @@ fn settings_decide_what_comes_out() {
         "--set update_every=1",
         "--set epochs=3",
         "--set actor=gru",
+        "--set predictor_inputs=estimate,own-action",
         "--train-p 0.5",
         "--train-p uniform",
         "--preset published-code",

@@ -30,6 +30,8 @@ pub struct AgentSettings {
     pub seed: u64,
     /// The most parallel worlds.
     pub worlds: usize,
+    /// The most ticks by which links may postpone an observation: it is kept for so long.
+    pub longest_delay: u8,
 }
 
 impl AgentSettings {
@@ -43,6 +45,7 @@ impl AgentSettings {
             greedy: false,
             seed: 0,
             worlds: 1,
+            longest_delay: 0,
         }
     }
 
@@ -50,6 +53,7 @@ impl AgentSettings {
     pub fn layout(&self) -> Layout {
         let spec = &self.spec;
         Layout {
+            agents: spec.n_agents(),
             observation: spec.padded_obs_dim(),
             action: spec.action_width(),
             joint: spec.joint_dim(),
@@ -67,6 +71,7 @@ pub struct Agent {
     seed: u64,
     greedy: bool,
     worlds: usize,
+    longest_delay: u8,
     imputer: Box<dyn Imputer>,
     /// Whether it has been told of the last decision.
     has_predicted: bool,
@@ -96,14 +101,15 @@ impl Agent {
     /// Makes agent `index` of a team from a policy that is loaded already.
     pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
         let spec = settings.spec.clone();
-        let (worlds, seed) = (settings.worlds, settings.seed);
-        let setup = Setup { spec: &spec, policy, agent: index, worlds, seed };
+        let AgentSettings { worlds, seed, longest_delay, .. } = *settings;
+        let setup = Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay };
         let actor = policy.actor(index).clone();
         Ok(Agent {
             index,
             seed,
             greedy: settings.greedy,
             worlds,
+            longest_delay,
             imputer: settings.registry.make(&settings.imputer, &setup)?,
             has_predicted: false,
             state: actor.state(worlds),
@@ -134,6 +140,11 @@ impl Agent {
         self.worlds
     }
 
+    /// The most ticks by which links may postpone what it receives.
+    pub fn longest_delay(&self) -> u8 {
+        self.longest_delay
+    }
+
     /// The number of weights of the policy it was made from.
     pub fn policy_weights(&self) -> usize {
         self.policy_weights
@@ -160,14 +171,11 @@ impl Agent {
         self.imputer.begin_episodes(worlds);
     }
 
-    /// Completes what was delivered in one world to a joint estimate. Returns whose observations were
-    /// used, bit by bit.
-    pub fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox) -> u64 {
+    /// Completes what was delivered in one world to a joint estimate.
+    pub fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox) {
         let joint = self.spec.joint_dim();
         let estimate = &mut self.estimates[world * joint..(world + 1) * joint];
         self.imputer.fuse(world, own, inbox, estimate);
-        let used = (0..self.team()).filter(|&sender| sender == self.index || inbox.from(sender).is_some());
-        used.fold(0, |used, sender| used | 1 << sender)
     }
 
     /// Chooses an action in each of the `worlds` worlds of the episode from the joint estimates.

@@ -19,8 +19,8 @@ pub struct Member<P: AgentPort> {
     sensor: Option<P::Sample>,
     /// That of world 0.
     episode: Option<u64>,
-    /// Per world, whose observations were used.
-    rows: Vec<u64>,
+    /// How old what reached the agent is, `[worlds, agents]`.
+    ages: Vec<u8>,
 }
 
 /// What the supervisor wants of an agent.
@@ -44,8 +44,8 @@ impl<P: AgentPort> Member<P> {
             sender: agent.index() as u32,
             ..Header::default()
         };
-        let mailbox = Mailbox::new(agent.team(), swarm, layout.observation);
-        Member { agent, port, layout, identity, mailbox, sensor: None, episode: None, rows: Vec::new() }
+        let mailbox = Mailbox::new(agent.team(), swarm, layout.observation, agent.longest_delay());
+        Member { agent, port, layout, identity, mailbox, sensor: None, episode: None, ages: Vec::new() }
     }
 
     /// The agent's port.
@@ -93,7 +93,7 @@ impl<P: AgentPort> Member<P> {
     pub fn publish(&mut self) -> Result<()> {
         let sensor = self.sensor.as_ref().expect("publish follows sense");
         let worlds = sensor.header().worlds as usize;
-        let own = self.layout.sensor(sensor.words(), worlds).observations();
+        let own = self.layout.sensor(sensor.words(), worlds).observations;
         let header = self.answer(Kind::Observation, sensor.header(), self.layout.observation_words(worlds));
         self.port.publish_observation(header, |words| words.copy_from_slice(bytemuck::cast_slice(own)))
     }
@@ -111,20 +111,24 @@ impl<P: AgentPort> Member<P> {
     pub fn decide(&mut self) -> Result<()> {
         let received_ns = now_ns();
         let sample = self.sensor.as_ref().expect("decide follows sense");
-        let Header { episode, step, tick, worlds, .. } = *sample.header();
+        let Header { episode, step, worlds, .. } = *sample.header();
         let worlds = worlds as usize;
         let sensor = self.layout.sensor(sample.words(), worlds);
-        self.rows.clear();
-        for (world, own) in sensor.observations().chunks_exact(self.layout.observation).enumerate() {
-            let inbox = self.mailbox.deliver(world, sensor.row(world), tick);
-            self.rows.push(self.agent.fuse(world, own, &inbox));
+        self.ages.clear();
+        let arriving = sensor.ages.chunks_exact(self.layout.agents);
+        for (world, ages) in arriving.enumerate() {
+            let own = &sensor.observations[world * self.layout.observation..][..self.layout.observation];
+            let inbox = self.mailbox.deliver(world, ages, sample.header());
+            self.agent.fuse(world, own, &inbox);
+            let (agent, senders) = (self.agent.index(), 0..self.layout.agents);
+            self.ages.extend(senders.map(|sender| if sender == agent { 0 } else { inbox.age(sender) }));
         }
         let times = DecisionTimes { received_ns, fused_ns: now_ns() };
         self.agent.act(episode, step, worlds);
         let header = self.answer(Kind::Decision, sample.header(), self.layout.decision_words(worlds));
-        let (agent, layout, rows) = (&self.agent, &self.layout, &self.rows);
+        let (agent, layout, ages) = (&self.agent, &self.layout, &self.ages);
         self.port.publish_decision(header, |words| {
-            layout.write_decision(words, agent.actions(), rows, agent.estimates(), agent.logits(), times);
+            layout.write_decision(words, agent.actions(), ages, agent.estimates(), agent.logits(), times);
         })
     }
 

@@ -33,6 +33,8 @@ pub enum Purpose {
     Replay = 7,
     /// Which episodes a bootstrap resample consists of; the "episode" is the stratum, the "step" the resample.
     Bootstrap = 8,
+    /// How many ticks one observation takes.
+    Delay = 9,
 }
 
 /// The draws of one (seed, purpose, episode, step).

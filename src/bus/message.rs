@@ -7,7 +7,11 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Version of the header and the layouts; a receiver refuses any other.
-pub const PROTOCOL: u32 = 4;
+pub const PROTOCOL: u32 = 5;
+
+/// The age of an observation that has not arrived. Every other age says how many ticks ago the observation that arrives
+/// now was made: 0 if at this tick.
+pub const NOT_ARRIVED: u8 = u8::MAX;
 
 /// What a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,7 +19,7 @@ pub const PROTOCOL: u32 = 4;
 pub enum Kind {
     /// Agent to supervisor: every port is open. One word: what it was [granted](crate::base::scheduling::Granted), in bits.
     Ready = 1,
-    /// Supervisor to one agent: its own observation and its link rows.
+    /// Supervisor to one agent: its own observation, and what arrives from its peers.
     Sensor = 2,
     /// Agent to its peers: its observation.
     Observation = 3,
@@ -75,13 +79,16 @@ impl Header {
 ///
 /// | message | parts, each `[worlds, ..]` |
 /// |---|---|
-/// | sensor | link row (2: low and high half), own observation (`observation`) |
+/// | sensor | ages of what arrives (a byte for each of `agents`), own observation (`observation`) |
 /// | observation | observation (`observation`) |
-/// | decision | action (`action`), row used (2), joint estimate (`joint`), logits (`logits`) |
+/// | decision | action (`action`), ages used (a byte for each of `agents`), joint estimate (`joint`), logits (`logits`) |
 ///
-/// Behind the parts of a decision message stand the [`DecisionTimes`]. A weights message is all values of a policy, in the order of its tensors.
+/// The bytes of all worlds stand behind each other, and zeros fill their last word. Behind the parts of a decision message
+/// stand the [`DecisionTimes`]. A weights message is all values of a policy, in the order of its tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
+    /// Size of the team.
+    pub agents: usize,
     /// Padded observation.
     pub observation: usize,
     /// Action.
@@ -95,23 +102,13 @@ pub struct Layout {
 /// Words of the [`DecisionTimes`].
 const TIMES: usize = 4;
 
-/// An agent's reading of its own sensor, and its rows of the link masks.
+/// An agent's reading of its own sensor, and what its links bring.
 #[derive(Clone, Copy, Debug)]
 pub struct Sensor<'a> {
-    rows: &'a [u32],
-    observations: &'a [f32],
-}
-
-impl<'a> Sensor<'a> {
-    /// Bit j tells whether the link from agent j is up in this world.
-    pub fn row(&self, world: usize) -> u64 {
-        join(&self.rows[2 * world..2 * world + 2])
-    }
-
+    /// How old what arrives from each sender is, or [`NOT_ARRIVED`], `[worlds, agents]`.
+    pub ages: &'a [u8],
     /// The agent's own observations, `[worlds, observation]`.
-    pub fn observations(&self) -> &'a [f32] {
-        self.observations
-    }
+    pub observations: &'a [f32],
 }
 
 /// When an agent did what it does for a decision, which is sent last: nanoseconds of the monotonic clock.
@@ -128,7 +125,8 @@ pub struct DecisionTimes {
 pub struct Decision<'a> {
     /// The action in each world, `[worlds, action]`.
     pub actions: &'a [u32],
-    rows: &'a [u32],
+    /// How old what had reached the agent from each sender was, or [`NOT_ARRIVED`], `[worlds, agents]`.
+    pub ages: &'a [u8],
     /// The policy's input, `[worlds, joint]`.
     pub estimates: &'a [f32],
     /// `[worlds, logits]`.
@@ -137,17 +135,10 @@ pub struct Decision<'a> {
     pub times: DecisionTimes,
 }
 
-impl Decision<'_> {
-    /// Bit j tells whether agent j's observation of this tick was used in this world.
-    pub fn row(&self, world: usize) -> u64 {
-        join(&self.rows[2 * world..2 * world + 2])
-    }
-}
-
 impl Layout {
     /// Words of a sensor message.
     pub fn sensor_words(&self, worlds: usize) -> usize {
-        worlds * (2 + self.observation)
+        self.age_words(worlds) + worlds * self.observation
     }
 
     /// Words of an observation message.
@@ -157,20 +148,25 @@ impl Layout {
 
     /// Words of a decision message.
     pub fn decision_words(&self, worlds: usize) -> usize {
-        worlds * (self.action + 2 + self.joint + self.logits) + TIMES
+        self.age_words(worlds) + worlds * (self.action + self.joint + self.logits) + TIMES
     }
 
-    /// Writes a sensor message: `rows` has one entry, `observations` `[worlds, observation]`.
-    pub fn write_sensor(&self, words: &mut [u32], rows: &[u64], observations: &[f32]) {
-        let (row_words, values) = words.split_at_mut(2 * rows.len());
-        split_rows(row_words, rows);
+    /// Words of the ages in a message.
+    fn age_words(&self, worlds: usize) -> usize {
+        (worlds * self.agents).div_ceil(size_of::<u32>())
+    }
+
+    /// Writes a sensor message: `ages` are `[worlds, agents]`, `observations` `[worlds, observation]`.
+    pub fn write_sensor(&self, words: &mut [u32], ages: &[u8], observations: &[f32]) {
+        let (age_words, values) = words.split_at_mut(ages.len().div_ceil(size_of::<u32>()));
+        write_ages(age_words, ages);
         values.copy_from_slice(bytemuck::cast_slice(observations));
     }
 
     /// Reads a sensor message of [`Layout::sensor_words`] words.
     pub fn sensor<'a>(&self, words: &'a [u32], worlds: usize) -> Sensor<'a> {
-        let (rows, values) = words.split_at(2 * worlds);
-        Sensor { rows, observations: bytemuck::cast_slice(values) }
+        let (ages, values) = words.split_at(self.age_words(worlds));
+        Sensor { ages: self.ages(ages, worlds), observations: bytemuck::cast_slice(values) }
     }
 
     /// Writes a decision message from its parts, each `[worlds, ..]`, and its times.
@@ -178,45 +174,56 @@ impl Layout {
         &self,
         words: &mut [u32],
         actions: &[u32],
-        rows: &[u64],
+        ages: &[u8],
         estimates: &[f32],
         logits: &[f32],
         times: DecisionTimes,
     ) {
         let (action_words, rest) = words.split_at_mut(actions.len());
         action_words.copy_from_slice(actions);
-        let (row_words, rest) = rest.split_at_mut(2 * rows.len());
-        split_rows(row_words, rows);
+        let (age_words, rest) = rest.split_at_mut(ages.len().div_ceil(size_of::<u32>()));
+        write_ages(age_words, ages);
         let (estimate_words, logit_words) = rest.split_at_mut(estimates.len());
         estimate_words.copy_from_slice(bytemuck::cast_slice(estimates));
         let (logit_words, time_words) = logit_words.split_at_mut(logits.len());
         logit_words.copy_from_slice(bytemuck::cast_slice(logits));
-        split_rows(time_words, &[times.received_ns, times.fused_ns]);
+        write_times(time_words, [times.received_ns, times.fused_ns]);
     }
 
     /// Reads a decision message of [`Layout::decision_words`] words.
     pub fn decision<'a>(&self, words: &'a [u32], worlds: usize) -> Decision<'a> {
         let (actions, rest) = words.split_at(self.action * worlds);
-        let (rows, rest) = rest.split_at(2 * worlds);
+        let (ages, rest) = rest.split_at(self.age_words(worlds));
         let (estimates, rest) = rest.split_at(self.joint * worlds);
         let (logits, times) = rest.split_at(self.logits * worlds);
         Decision {
             actions,
-            rows,
+            ages: self.ages(ages, worlds),
             estimates: bytemuck::cast_slice(estimates),
             logits: bytemuck::cast_slice(logits),
             times: DecisionTimes { received_ns: join(&times[..2]), fused_ns: join(&times[2..]) },
         }
     }
+
+    fn ages<'a>(&self, words: &'a [u32], worlds: usize) -> &'a [u8] {
+        &bytemuck::cast_slice(words)[..worlds * self.agents]
+    }
+}
+
+fn write_ages(words: &mut [u32], ages: &[u8]) {
+    if let Some(last) = words.last_mut() {
+        *last = 0;
+    }
+    bytemuck::cast_slice_mut(words)[..ages.len()].copy_from_slice(ages);
 }
 
 fn join(words: &[u32]) -> u64 {
     u64::from(words[0]) | u64::from(words[1]) << 32
 }
 
-fn split_rows(words: &mut [u32], rows: &[u64]) {
-    for (pair, row) in words.chunks_exact_mut(2).zip(rows) {
-        pair.copy_from_slice(&[*row as u32, (*row >> 32) as u32]);
+fn write_times(words: &mut [u32], times: [u64; TIMES / 2]) {
+    for (pair, time) in words.chunks_exact_mut(2).zip(times) {
+        pair.copy_from_slice(&[time as u32, (time >> 32) as u32]);
     }
 }
 
@@ -224,29 +231,30 @@ fn split_rows(words: &mut [u32], rows: &[u64]) {
 mod tests {
     use super::*;
 
-    const LAYOUT: Layout = Layout { observation: 3, action: 2, joint: 5, logits: 2 };
+    const LAYOUT: Layout = Layout { agents: 3, observation: 3, action: 2, joint: 5, logits: 2 };
 
     #[test]
     fn a_sensor_message_comes_back() {
-        let rows = [1 << 63 | 0b101, 0b010];
+        let ages = [0, NOT_ARRIVED, 3, 100, 0, 1];
         let observations = [0.5, -1.0, f32::MIN_POSITIVE, 2.0, 3.0, 4.0];
-        let mut words = vec![0; LAYOUT.sensor_words(2)];
-        LAYOUT.write_sensor(&mut words, &rows, &observations);
+        // Where an older message was before.
+        let mut words = vec![u32::MAX; LAYOUT.sensor_words(2)];
+        LAYOUT.write_sensor(&mut words, &ages, &observations);
         let sensor = LAYOUT.sensor(&words, 2);
-        assert_eq!([sensor.row(0), sensor.row(1)], rows);
-        assert_eq!(sensor.observations(), observations);
+        assert_eq!((sensor.ages, sensor.observations), (&ages[..], &observations[..]));
+        assert_eq!(words[1] >> 16, 0, "zeros fill the last word of the ages");
     }
 
     #[test]
     fn a_decision_comes_back() {
-        let (actions, rows) = ([4, 0, 7, 1], [3, u64::MAX]);
+        let (actions, ages) = ([4, 0, 7, 1], [0, 2, NOT_ARRIVED, 0, 0, 254]);
         let (estimates, logits) = ([0.25; 10], [1.0, 2.0, 3.0, 4.0]);
         let times = DecisionTimes { received_ns: u64::MAX - 1, fused_ns: 1 << 40 };
         let mut words = vec![0; LAYOUT.decision_words(2)];
-        LAYOUT.write_decision(&mut words, &actions, &rows, &estimates, &logits, times);
+        LAYOUT.write_decision(&mut words, &actions, &ages, &estimates, &logits, times);
         let decision = LAYOUT.decision(&words, 2);
         assert_eq!(decision.actions, actions);
-        assert_eq!([decision.row(0), decision.row(1)], rows);
+        assert_eq!(decision.ages, ages);
         assert_eq!((decision.estimates, decision.logits), (&estimates[..], &logits[..]));
         assert_eq!(decision.times, times);
     }

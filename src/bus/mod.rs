@@ -24,7 +24,7 @@ mod wait;
 pub use clock::{now_ns, wait_for_moment, wake_on_time};
 pub use directory::{Leftover, SwarmDirectory, check_writable, leftovers, shared_memory_free};
 pub use local::{LocalHub, LocalPort, LocalSample};
-pub use message::{Decision, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sensor};
+pub use message::{Decision, DecisionTimes, Header, Kind, Layout, NOT_ARRIVED, PROTOCOL, Sensor};
 pub(crate) use services::{Role, bus_error, node, service_name};
 pub use services::{SwarmAddress, open_files_needed, shared_memory_needed};
 pub(crate) use shared::wake_supervisor;

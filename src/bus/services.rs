@@ -15,14 +15,15 @@ use super::directory::{prefix_of, root_of};
 use super::{Header, Layout};
 use crate::base::error::{Error, Result, Source};
 
-/// Samples of one publisher that a receiver can hold: the one in its inbox and the one replacing it.
+/// Samples of one publisher that a receiver can hold where nothing is delayed: the one in its inbox and the one replacing
+/// it. An inbox holds one more for each tick that an observation may be under way.
 const BORROWED: usize = 2;
 
 /// Samples of one publisher that wait for a receiver. The newest wins when they are more.
 const BUFFERED: usize = 2;
 
-/// Samples a publisher has room for in lockstep, where no more than three are in use at a time: being written, in the
-/// buffers, and in the inboxes.
+/// Samples a publisher has room for in lockstep, where no more than three are in use at a time if nothing is delayed:
+/// being written, in the buffers, and in the inboxes.
 const SAMPLES: usize = 8;
 
 /// Samples of weights there is room for. Every agent has copied the last ones before the next are published;
@@ -42,6 +43,8 @@ pub struct SwarmAddress {
     pub weights: usize,
     /// Whether it plays by the clock, where no agent waits for another.
     pub real_time: bool,
+    /// The most ticks that an observation may be under way.
+    pub longest_delay: u8,
 }
 
 pub(super) type Words = publish_subscribe::PortFactory<ipc::Service, [u32], Header>;
@@ -60,6 +63,26 @@ pub(super) struct Services {
     pub(super) wake_supervisor: Event,
 }
 
+/// How many there are of what a service connects.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    publishers: usize,
+    subscribers: usize,
+    /// Samples of one publisher that a subscriber can hold.
+    borrowed: usize,
+}
+
+impl Limits {
+    fn of(publishers: usize, subscribers: usize) -> Limits {
+        Limits { publishers, subscribers, borrowed: BORROWED }
+    }
+
+    /// Samples of one publisher that can be in use at a time: all that subscribers hold, and one being written.
+    fn samples(&self) -> usize {
+        self.subscribers * (BUFFERED + self.borrowed) + 1
+    }
+}
+
 /// Whether a process makes the services or finds them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Role {
@@ -72,7 +95,14 @@ pub(crate) enum Role {
 impl SwarmAddress {
     /// A swarm of one agent in one world, in lockstep, with a policy that stays as it is.
     pub fn of(tag: &str) -> SwarmAddress {
-        SwarmAddress { tag: tag.to_owned(), agents: 1, worlds: 1, weights: 0, real_time: false }
+        SwarmAddress {
+            tag: tag.to_owned(),
+            agents: 1,
+            worlds: 1,
+            weights: 0,
+            real_time: false,
+            longest_delay: 0,
+        }
     }
 
     /// The number that marks this swarm's messages.
@@ -87,13 +117,12 @@ impl SwarmAddress {
 
     /// The services that all of the swarm share.
     pub(super) fn services(&self, node: &Node<ipc::Service>, role: Role) -> Result<Services> {
-        let everybody = self.agents + 1;
         Ok(Services {
-            observations: self.words(node, "observations", self.agents, everybody, role)?,
-            decisions: self.words(node, "decisions", self.agents, 1, role)?,
+            observations: self.words(node, "observations", self.observation_limits(), role)?,
+            decisions: self.words(node, "decisions", Limits::of(self.agents, 1), role)?,
             weights: match self.weights {
                 0 => None,
-                _ => Some(self.words(node, "weights", 1, self.agents, role)?),
+                _ => Some(self.words(node, "weights", Limits::of(1, self.agents), role)?),
             },
             wake_agents: self.event(node, "wake-agents", [1, self.agents], role)?,
             wake_supervisor: self.supervisors_event(node, role)?,
@@ -108,33 +137,41 @@ impl SwarmAddress {
 
     /// The service by which the supervisor speaks to one agent.
     pub(super) fn sensor(&self, node: &Node<ipc::Service>, agent: usize, role: Role) -> Result<Words> {
-        self.words(node, &format!("sensor-{agent}"), 1, 1, role)
+        self.words(node, &format!("sensor-{agent}"), Limits::of(1, 1), role)
+    }
+
+    /// Everybody receives observations, the supervisor too.
+    fn observation_limits(&self) -> Limits {
+        let limits = Limits::of(self.agents, self.agents + 1);
+        Limits { borrowed: limits.borrowed + usize::from(self.longest_delay), ..limits }
+    }
+
+    /// Samples a publisher of observations has room for.
+    fn observation_samples(&self) -> usize {
+        // Receivers that do not wait for each other hold different messages, each as many as it may.
+        if self.real_time {
+            return self.observation_limits().samples();
+        }
+        SAMPLES + usize::from(self.longest_delay)
     }
 
     /// A publisher of messages of up to `words` words.
     pub(super) fn publisher(&self, service: &Words, words: usize) -> Result<WordPublisher> {
-        publisher_of(service, words, if self.real_time { usize::MAX } else { SAMPLES })
+        publisher_of(service, words, self.observation_samples())
     }
 
-    fn words(
-        &self,
-        node: &Node<ipc::Service>,
-        name: &str,
-        publishers: usize,
-        subscribers: usize,
-        role: Role,
-    ) -> Result<Words> {
+    fn words(&self, node: &Node<ipc::Service>, name: &str, limits: Limits, role: Role) -> Result<Words> {
         let builder: PubSubBuilder<[u32], Header, ipc::Service> =
             node.service_builder(&service_name(name)?).publish_subscribe::<[u32]>().user_header::<Header>();
         let what = format!("open the service {name}");
         match role {
             Role::Agent => builder.open().map_err(bus_error(&what)),
             Role::Supervisor => builder
-                .max_publishers(publishers)
-                .max_subscribers(subscribers)
+                .max_publishers(limits.publishers)
+                .max_subscribers(limits.subscribers)
                 .max_nodes(self.agents + 1)
                 .subscriber_max_buffer_size(BUFFERED)
-                .subscriber_max_borrowed_samples(BORROWED)
+                .subscriber_max_borrowed_samples(limits.borrowed)
                 .history_size(0)
                 .enable_safe_overflow(true)
                 .create()
@@ -215,12 +252,10 @@ pub(super) fn subscriber(service: &Words) -> Result<WordSubscriber> {
 /// them (measured: a page of 4 KiB for each connection of a publisher and a subscriber, a few for each
 /// process; twice that to be safe).
 pub fn shared_memory_needed(address: &SwarmAddress, layout: &Layout) -> u64 {
-    let SwarmAddress { agents, worlds, weights, real_time, .. } = *address;
+    let SwarmAddress { agents, worlds, weights, .. } = *address;
     let message = |words: usize| 4 * words + 256;
-    // Receivers that do not wait for each other hold different messages, each as many as it may.
-    let observations = if real_time { (agents + 1) * (BUFFERED + BORROWED) + 1 } else { SAMPLES };
     let payloads = SAMPLES * message(layout.sensor_words(worlds))
-        + observations * message(layout.observation_words(worlds))
+        + address.observation_samples() * message(layout.observation_words(worlds))
         + SAMPLES * message(layout.decision_words(worlds));
     let payloads = agents * payloads;
     let weights = WEIGHTS_SAMPLES * 4 * weights;

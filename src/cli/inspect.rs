@@ -7,7 +7,7 @@ use clap::Args;
 use super::{print, table};
 use crate::base::error::Result;
 use crate::base::stats::mean;
-use crate::nn::PolicyFile;
+use crate::nn::{PolicyFile, PredictorSpec};
 use crate::recording::Recording;
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
@@ -51,7 +51,7 @@ fn inspect_policy(path: &Path) -> Result<()> {
     });
     let rows = table(&["tensor", "shape", "values"], rows);
     let predictors = networks.predictors.iter();
-    let predictors: Vec<String> = predictors.map(|p| format!("{} (hidden {})", p.name, p.hidden)).collect();
+    let predictors: Vec<String> = predictors.map(predictor_words).collect();
     print(&format!(
         "policy for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {}, \
          {}, hidden {}\npredictors  {}\nparameters  {}\n\n{rows}",
@@ -67,6 +67,12 @@ fn inspect_policy(path: &Path) -> Result<()> {
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
         file.n_parameters()
     ))
+}
+
+fn predictor_words(predictor: &PredictorSpec) -> String {
+    let PredictorSpec { name, hidden, .. } = predictor;
+    let sees = if predictor.sees_own_action() { ", sees the own action" } else { "" };
+    format!("{name} (hidden {hidden}{sees})")
 }
 
 fn inspect_checkpoint(checkpoint: &Checkpoint) -> Result<()> {

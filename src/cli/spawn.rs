@@ -129,7 +129,7 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0.2
   vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --episodes 1000 --worlds 10
   vamaro-swarm spawn --task spread-blindfold-6 --policy untrained --links dynamic --audit
-  vamaro-swarm spawn --agents 4 --links 'dynamic + level(0.9)'
+  vamaro-swarm spawn --agents 4 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
   vamaro-swarm spawn --agents 4 --p 0.2 --rate 100     in real time, 100 Hz
   vamaro-swarm spawn --task SXY-4 --p 0.6 --record trace.json && vamaro-swarm verify trace.json";
 
@@ -146,7 +146,7 @@ impl Spawn {
         let scheduling = self.scheduling()?;
         let links = self.find_links(&task)?;
         let policy = source.load(task.spec())?;
-        let settings = self.settings(&task, source, &policy)?;
+        let settings = self.settings(&task, &links, source, &policy)?;
         let recorder = match &self.record {
             Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
             None => None,
@@ -288,7 +288,13 @@ impl Spawn {
         Ok(Scheduling { pin: self.pin, lock_memory: self.lock_memory, fifo: self.fifo })
     }
 
-    fn settings(&self, task: &Task, policy: PolicySource, loaded: &Policy) -> Result<AgentSettings> {
+    fn settings(
+        &self,
+        task: &Task,
+        links: &LinkSpec,
+        policy: PolicySource,
+        loaded: &Policy,
+    ) -> Result<AgentSettings> {
         let registry = Registry::default();
         Ok(AgentSettings {
             spec: task.spec().clone(),
@@ -299,6 +305,7 @@ impl Spawn {
             seed: self.seed,
             // More worlds than episodes would have nothing to do.
             worlds: u64::from(self.worlds).min(self.episodes) as usize,
+            longest_delay: links.longest_delay(),
         })
     }
 

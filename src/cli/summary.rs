@@ -86,6 +86,7 @@ impl Summary<'_> {
             let to = if punctuality.is_some() { " to agents that decided in time" } else { "" };
             lines
                 .push(("delivered", format!("{:.2} % of the observations sent at t >= 1{to}", 100.0 * rate)));
+            lines.extend(self.delay_words(statistics).map(|words| ("delayed", words)));
             let error = statistics.imputation_rmse();
             let error = error.map_or("nothing was imputed".to_owned(), |rmse| format!("{rmse:.4} RMSE"));
             lines.push(("imputation", error));
@@ -97,6 +98,18 @@ impl Summary<'_> {
         lines.extend(self.scheduling.as_ref().map(|grants| ("scheduling", grants.to_string())));
         lines.extend(audit.map(|audit| ("audit", audit.to_string())));
         lines.into_iter().map(|(name, words)| format!("{name:<12}{words}\n")).collect()
+    }
+
+    /// What links postponed, where they can.
+    fn delay_words(&self, statistics: &Statistics) -> Option<String> {
+        let (delayed, outdated) = statistics.delayed_rate().zip(statistics.outdated_rate())?;
+        (self.settings.longest_delay > 0).then(|| {
+            format!(
+                "{:.2} % of them arrived later, {:.2} % when newer ones had been seen",
+                100.0 * delayed,
+                100.0 * outdated
+            )
+        })
     }
 
     fn policy_words(&self) -> String {
@@ -147,6 +160,8 @@ impl Summary<'_> {
             "return_mean": statistics.return_mean(),
             "return_ci95": statistics.return_ci95(),
             "delivery_rate": statistics.delivery_rate(),
+            "delayed_rate": statistics.delayed_rate(),
+            "outdated_rate": statistics.outdated_rate(),
             "imputation_rmse": statistics.imputation_rmse(),
             "ticks": statistics.ticks(),
             // By the clock a tick is a period.
@@ -154,20 +169,25 @@ impl Summary<'_> {
             "tick_p99_us": punctuality.is_none().then(|| tick_us(statistics, 0.99)),
             "elapsed_s": statistics.elapsed().as_secs_f64(),
             "audit": audit,
-            "real_time": punctuality.map(|punctuality| json!({
-                "rate": punctuality.rate,
-                "achieved_rate": punctuality.achieved_rate(),
-                "skipped_periods": punctuality.skipped,
-                "dropped_rate": statistics.dropped_rate(),
-                "late_rate": statistics.late_rate(),
-                "missed_decisions": statistics.missed_of_due().0,
-                "missed_rate": statistics.missed_rate(),
-                "missed_ticks": punctuality.missed,
-                "begins_late": punctuality.begins.times_json(),
-                "acts_after_deadline": punctuality.acts.times_json(),
-            })),
+            "real_time": punctuality.map(|punctuality| clock_json(statistics, punctuality)),
         })
     }
+}
+
+/// What the clock did, for programs.
+fn clock_json(statistics: &Statistics, punctuality: &Punctuality) -> Value {
+    json!({
+        "rate": punctuality.rate,
+        "achieved_rate": punctuality.achieved_rate(),
+        "skipped_periods": punctuality.skipped,
+        "dropped_rate": statistics.dropped_rate(),
+        "late_rate": statistics.late_rate(),
+        "missed_decisions": statistics.missed_of_due().0,
+        "missed_rate": statistics.missed_rate(),
+        "missed_ticks": punctuality.missed,
+        "begins_late": punctuality.begins.times_json(),
+        "acts_after_deadline": punctuality.acts.times_json(),
+    })
 }
 
 /// What the clock did, for people.

@@ -1,10 +1,12 @@
 //! How far imputed values are from what was lost, by the time since something was last received.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::evaluation::{AgeErrors, Calibration, UnitErrors};
 use crate::agent::JointLayout;
 use crate::base::error::Result;
+use crate::bus::NOT_ARRIVED;
 use crate::environment::{Spec, Unit, Value};
 use crate::nn::{Dims, LstmState, Policy, Predictor, Scratch, Sigma};
 use crate::supervisor::{Decisions, Observer, Stage, Tick};
@@ -48,6 +50,9 @@ struct Expectation {
     out: Vec<f32>,
     /// Of what is carried, `[agents, worlds, predicted]`.
     variances: Vec<f64>,
+    /// Those of the changes in the last steps, as many as links may postpone by, the latest one last:
+    /// `[kept, agents, worlds, predicted]`.
+    changes: VecDeque<Vec<f64>>,
 }
 
 impl ErrorLedger {
@@ -61,6 +66,7 @@ impl ErrorLedger {
             scratch: Scratch::default(),
             out: Vec::new(),
             variances: Vec::new(),
+            changes: VecDeque::new(),
         });
         ErrorLedger {
             spec: spec.clone(),
@@ -73,14 +79,17 @@ impl ErrorLedger {
         }
     }
 
-    /// An episode starts in each of `worlds` worlds.
-    fn restart(&mut self, worlds: usize) {
+    /// An episode starts in each of `worlds` worlds, whose links may postpone by so many ticks.
+    fn restart(&mut self, worlds: usize, longest_delay: u8) {
         let rows = self.layout.agents * worlds;
         restart(&mut self.ages, rows * self.layout.agents, None);
         restart(&mut self.open, worlds * self.finished.len(), AgeErrors::default());
         if let Some(expectation) = &mut self.expectation {
             expectation.state.start(&expectation.predictor, rows);
-            restart(&mut expectation.variances, rows * self.layout.predicted(), 0.0);
+            let values = rows * self.layout.predicted();
+            restart(&mut expectation.variances, values, 0.0);
+            expectation.changes.resize_with(longest_delay.into(), Vec::new);
+            expectation.changes.iter_mut().for_each(|change| restart(change, values, 0.0));
             expectation.out.resize(rows * 2 * self.layout.predicted(), 0.0);
         }
     }
@@ -90,16 +99,24 @@ impl ErrorLedger {
         let agents = self.layout.agents;
         for row in 0..agents * tick.worlds {
             let ages = &mut self.ages[row * agents..(row + 1) * agents];
+            let used = decisions.used(tick, row / tick.worlds, row % tick.worlds);
             for (sender, age) in ages.iter_mut().enumerate() {
-                let received = decisions.used[row] >> sender & 1 == 1;
-                *age = if received { Some(0) } else { age.map(|age| age + 1) };
+                *age = match used[sender] {
+                    NOT_ARRIVED => age.map(|age| age + 1),
+                    arrived => Some(arrived.into()),
+                };
+                if let Some(expectation) = &mut self.expectation
+                    && used[sender] != NOT_ARRIVED
+                {
+                    expectation.arrived(&self.layout, row, sender, used[sender].into());
+                }
             }
             if plays(row % tick.worlds) {
                 self.compare(tick, decisions, row);
             }
         }
         if let Some(expectation) = &mut self.expectation {
-            expectation.step(&self.layout, &self.ages, decisions, tick.worlds);
+            expectation.step(&self.layout, decisions, tick.worlds);
         }
     }
 
@@ -148,7 +165,7 @@ impl ErrorLedger {
 
 impl Observer for ErrorLedger {
     fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
-        self.restart(stage.worlds());
+        self.restart(stage.worlds(), stage.longest_delay());
         Ok(())
     }
 
@@ -164,9 +181,16 @@ impl Observer for ErrorLedger {
 }
 
 impl Expectation {
-    /// Adds the variance of the change that the predictor expects from here to the next step. What was received
-    /// has none of its own.
-    fn step(&mut self, layout: &JointLayout, ages: &[Option<usize>], decisions: &Decisions, worlds: usize) {
+    /// What a sender observed so many steps ago has arrived: since then the variances of the changes have added up.
+    fn arrived(&mut self, layout: &JointLayout, row: usize, sender: usize, age: usize) {
+        let first = row * layout.predicted() + sender * layout.unique;
+        for at in first..first + layout.unique {
+            self.variances[at] = self.changes.iter().rev().take(age).map(|change| change[at]).sum();
+        }
+    }
+
+    /// Adds the variance of the change that the predictor expects from here to the next step.
+    fn step(&mut self, layout: &JointLayout, decisions: &Decisions, worlds: usize) {
         let predicted = layout.predicted();
         let Expectation { predictor, dims, acts, state, scratch, out, .. } = self;
         acts.clear();
@@ -174,14 +198,16 @@ impl Expectation {
         acts.extend(actions.map(|(row, action)| dims.act(row / worlds, *action as usize)));
         predictor.step(layout.agents * worlds, &decisions.estimates, acts, state, scratch, out);
         let Sigma::Exp = self.predictor.spec().sigma;
-        let outs = self.out.chunks_exact(2 * predicted);
-        for ((row, variances), out) in self.variances.chunks_exact_mut(predicted).enumerate().zip(outs) {
-            for (dim, (variance, raw)) in variances.iter_mut().zip(&out[predicted..]).enumerate() {
-                let received = ages[row * layout.agents + dim / layout.unique] == Some(0);
-                let before = if received { 0.0 } else { *variance };
-                *variance = before + f64::from(*raw).exp().max(SMALLEST_SIGMA).powi(2);
+        let raw = self.out.chunks_exact(2 * predicted).flat_map(|out| &out[predicted..]);
+        let changes = raw.map(|raw| f64::from(*raw).exp().max(SMALLEST_SIGMA).powi(2));
+        let mut oldest = self.changes.pop_front();
+        for (at, (variance, change)) in self.variances.iter_mut().zip(changes).enumerate() {
+            *variance += change;
+            if let Some(kept) = &mut oldest {
+                kept[at] = change;
             }
         }
+        self.changes.extend(oldest);
     }
 }
 
@@ -210,24 +236,29 @@ mod tests {
     /// Plays four steps in one world. Agent 1 observes the places 1, 2, 3, 4 m, at rest, and agent 0 believes
     /// them to be off by 0.1 m per step without news; agent 1 always knows what agent 0 observes.
     fn four_steps(imputer: &str, received: [bool; 4]) -> Vec<UnitErrors> {
+        four_steps_of(imputer, received.map(|received| if received { 0 } else { NOT_ARRIVED }))
+    }
+
+    /// The same, of what arrives at agent 0 at these ages.
+    fn four_steps_of(imputer: &str, arriving: [u8; 4]) -> Vec<UnitErrors> {
         let (spec, policy) = sure_of_nothing();
         let mut ledger = ErrorLedger::new(&spec, &policy, imputer);
-        ledger.restart(1);
+        ledger.restart(1, 3);
         let hears = [0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let sees = [1.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0];
         let observations = [hears, sees].concat();
         let mut age = 0;
-        for (step, received) in received.into_iter().enumerate() {
-            age = if received { 0 } else { age + 1 };
-            let believed = sees.map(|value| if value > 0.0 { value + 0.1 * age as f32 } else { value });
+        for (step, arriving) in arriving.into_iter().enumerate() {
+            age = if arriving == NOT_ARRIVED { age + 1 } else { arriving };
+            let believed = sees.map(|value| if value > 0.0 { value + 0.1 * f32::from(age) } else { value });
             let decisions = Decisions {
-                used: vec![if received { 0b11 } else { 0b01 }, 0b11],
+                ages: vec![0, arriving, 0, 0],
                 estimates: [hears, believed, hears, sees].concat(),
                 ..Decisions::default()
             };
             let step = step as u32;
-            let (observations, rows) = (&observations, &[0, 0]);
-            let tick = Tick { episode: 0, step, tick: 1, worlds: 1, observations, rows };
+            let (observations, ages) = (&observations, &[0; 4]);
+            let tick = Tick { episode: 0, step, tick: 1, agents: 2, worlds: 1, observations, ages };
             ledger.note(&tick, &decisions, |_| true);
         }
         ledger.close();
@@ -268,5 +299,18 @@ mod tests {
         assert_eq!(renewed[0].ages.len(), 1, "news are as good at any time");
         assert_eq!(renewed[0].ages[0].count, 8);
         assert!((renewed[0].ages[0].calibration.unwrap().z_squared - 8.0 * 0.01).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_arrives_late_is_as_old_as_it_is() {
+        // Agent 0 hears of agent 1 at once, not, two steps late, and not.
+        let errors = four_steps_of("value-aware", [0, NOT_ARRIVED, 2, NOT_ARRIVED]);
+        let [places, _] = &errors[..] else { panic!() };
+        assert_eq!(places.ages.iter().map(|age| age.count).collect::<Vec<_>>(), [4, 4, 4]);
+        for (age, found) in (1..).zip(&places.ages) {
+            // Sigma is 1 for each of the steps since it was made.
+            let expected = 4.0 * 0.01 * f64::from(age);
+            assert!((found.calibration.unwrap().z_squared - expected).abs() < 1e-6, "{found:?}");
+        }
     }
 }

@@ -149,6 +149,7 @@ impl Sweep {
         signals::check_stop()?;
         let Entrant { source, policy, task, .. } = job.entrant;
         let imputer = job.imputer.unwrap_or("hold");
+        let links = job.condition.links();
         let settings = AgentSettings {
             spec: task.spec().clone(),
             policy: source.clone(),
@@ -157,8 +158,9 @@ impl Sweep {
             greedy: self.settings.greedy,
             seed: self.settings.seed,
             worlds: self.worlds.min(self.settings.episodes as usize),
+            longest_delay: links.longest_delay(),
         };
-        let (links, worlds) = (job.condition.links().build(), settings.worlds);
+        let (links, worlds) = (links.build(), settings.worlds);
         match self.place {
             Place::Processes(wait) => {
                 let mut team = Processes::start(&settings, policy, wait)?;

@@ -51,10 +51,9 @@ impl Fates {
         }
     }
 
-    /// Bit j tells whether `receiver` receives j's observation, now or later.
-    pub fn row(&self, receiver: usize) -> u64 {
-        let senders = self.ticks[receiver * self.agents..][..self.agents].iter().enumerate();
-        senders.fold(0, |row, (sender, ticks)| row | u64::from(*ticks != LOST) << sender)
+    /// All of them, `[receiver, sender]`: ticks from sending to arrival, or 255 for what never arrives.
+    pub fn ticks(&self) -> &[u8] {
+        &self.ticks
     }
 }
 
@@ -70,7 +69,7 @@ mod tests {
         fates.lose(2, 1);
         fates.postpone(2, 1, 1);
         assert_eq!([fates.delay(0, 1), fates.delay(2, 1), fates.delay(1, 0)], [Some(5), None, Some(0)]);
-        assert_eq!([0, 1, 2].map(|receiver| fates.row(receiver)), [0b111, 0b111, 0b101]);
+        assert_eq!(fates.ticks(), [0, 5, 0, 0, 0, 0, 0, LOST, 0]);
         fates.postpone(0, 1, 254);
         assert_eq!(fates.delay(0, 1), Some(254), "late beyond counting is not lost");
         fates.deliver_all();

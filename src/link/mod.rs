@@ -8,6 +8,7 @@
 //! `gilbert(0.1, 0.3) + level(0.9)`. Links of your own need no line there: [`Links::chain`] takes any.
 
 mod asymmetric;
+mod delay;
 mod fates;
 mod gilbert;
 mod level;
@@ -20,6 +21,7 @@ mod uniform;
 use glam::DVec2;
 
 pub use asymmetric::{Asymmetric, DYNAMIC_PERIOD};
+pub use delay::Delay;
 pub use fates::Fates;
 pub use gilbert::Gilbert;
 pub use level::{Level, complement};

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{CommunicationMatrix, Link, asymmetric, gilbert, level, matrix, uniform};
+use super::{CommunicationMatrix, Link, asymmetric, delay, gilbert, level, matrix, uniform};
 use crate::base::error::Result;
 use crate::usage;
 
@@ -15,6 +15,7 @@ pub static MODELS: &[Model] = &[
     asymmetric::ASYMMETRIC,
     asymmetric::DYNAMIC,
     gilbert::MODEL,
+    delay::MODEL,
 ];
 
 /// A model of links as the registry knows it.
@@ -129,7 +130,7 @@ pub fn help() -> String {
     let lines = MODELS.iter().map(|model| format!("  {:<widest$}  {}", model.signature(), model.about));
     let lines: Vec<String> = lines.collect();
     format!(
-        "Links, alone or in a chain such as 'dynamic + level(0.9)', which delivers what all of them deliver:\n{}",
+        "Links, alone or in a chain such as 'gilbert(0.1, 0.3) + delay(1, 1)', which delivers what all of them deliver:\n{}",
         lines.join("\n")
     )
 }

@@ -63,6 +63,11 @@ impl LinkSpec {
         self.try_build().expect("links that have been read can be built")
     }
 
+    /// The most ticks by which anything is postponed.
+    pub fn longest_delay(&self) -> u8 {
+        self.build().longest_delay()
+    }
+
     /// The p of links that are `level(p)` and nothing else.
     pub fn p(&self) -> Option<f64> {
         self.alone("level").map(Argument::number)
@@ -75,9 +80,9 @@ impl LinkSpec {
 
     /// What recordings call the links: the name of a model whose p or matrix they hold beside it, else all of the text.
     pub fn recorded_name(&self) -> String {
-        match self.p().is_some() || self.matrix().is_some() {
-            true => self.parts[0].model.name.to_owned(),
-            false => self.to_string(),
+        match &self.parts[..] {
+            [part] if self.p().is_some() || self.matrix().is_some() => part.model.name.to_owned(),
+            _ => self.to_string(),
         }
     }
 

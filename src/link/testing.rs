@@ -25,7 +25,8 @@ pub(super) fn rows(text: &str, episode: u64, step: u64, agents: usize) -> Vec<u6
 pub(super) fn rows_of(links: &mut Links, episode: u64, step: u64, agents: usize) -> Vec<u64> {
     let mut fates = Fates::new(agents);
     links.deliveries(&context(episode, step), &mut fates).unwrap();
-    (0..agents).map(|receiver| fates.row(receiver)).collect()
+    let bit = |receiver, sender| u64::from(fates.delay(receiver, sender).is_some()) << sender;
+    (0..agents).map(|receiver| (0..agents).map(|sender| bit(receiver, sender)).sum()).collect()
 }
 
 /// Counts deliveries over i != j and t >= 1 and holds them to a five-sigma binomial bound.

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::{Decisions, Observer, Stage, Tick};
 use crate::base::error::Result;
+use crate::bus::NOT_ARRIVED;
 use crate::environment::Spec;
 
 /// Counts the parts of policy inputs by origin. A part is the unique part of one agent's observation.
@@ -14,13 +15,15 @@ pub struct Audit {
     pub own: u64,
     /// Received from a peer.
     pub received: u64,
-    /// Imagined by the imputer.
+    /// Imagined by the imputer with something in hand that a peer had sent at an earlier tick.
+    pub delayed: u64,
+    /// Imagined by the imputer alone.
     pub imputed: u64,
-    /// Parts whose link was up but that were not used. There are none in lockstep.
+    /// Parts that arrived by their links but did not reach the agent. There are none in lockstep.
     pub late: u64,
     /// Own, received or common parts that are not, bit by bit, what the sensor said.
     pub altered: u64,
-    /// Parts that were used although their link was down.
+    /// Parts that reached the agent although they did not arrive, or at another age.
     pub leaked: u64,
 }
 
@@ -41,20 +44,21 @@ impl Audit {
         let (unique, common) = (spec.unique_dim(), spec.common_dim());
         for agent in decisions.present(agents) {
             let row = agent * tick.worlds + world;
-            let (up, used) = (tick.rows[row], decisions.used[row]);
+            let (arriving, used) = (tick.arriving(agent, world), decisions.used(tick, agent, world));
             let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
-            self.leaked += u64::from((used & !up).count_ones());
             for sender in 0..agents {
-                let is_used = used >> sender & 1 == 1;
+                let (arriving, used) = (arriving[sender], used[sender]);
                 let part = &estimate[sender * unique..(sender + 1) * unique];
                 let same = is_same(part, &tick.observation(spec, sender, world)[..unique]);
-                match (sender == agent, is_used) {
-                    (true, _) => self.own += 1,
-                    (false, true) => self.received += 1,
-                    (false, false) => self.imputed += 1,
+                match used {
+                    _ if sender == agent => self.own += 1,
+                    0 => self.received += 1,
+                    NOT_ARRIVED => self.imputed += 1,
+                    _ => self.delayed += 1,
                 }
-                self.late += u64::from(up >> sender & 1 == 1 && !is_used);
-                self.altered += u64::from((sender == agent || is_used) && !same);
+                self.leaked += u64::from(used != NOT_ARRIVED && used != arriving);
+                self.late += u64::from(used == NOT_ARRIVED && arriving != NOT_ARRIVED);
+                self.altered += u64::from((sender == agent || used == 0) && !same);
             }
             let own_common = &tick.observation(spec, agent, world)[unique..unique + common];
             self.altered += u64::from(!is_same(&estimate[predicted..], own_common));
@@ -69,14 +73,15 @@ impl Audit {
 
 impl fmt::Display for Audit {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Audit { own, received, imputed, late, altered, leaked } = self;
-        let total = (own + received + imputed).max(1) as f64 / 100.0;
+        let Audit { own, received, delayed, imputed, late, altered, leaked } = self;
+        let total = (own + received + delayed + imputed).max(1) as f64 / 100.0;
         write!(
             f,
-            "{own} own ({:.1} %), {received} received ({:.1} %), {imputed} imputed ({:.1} %); \
-             {late} late, {altered} altered, {leaked} leaked",
+            "{own} own ({:.1} %), {received} received ({:.1} %), {delayed} delayed ({:.1} %), {imputed} imputed \
+             ({:.1} %); {late} late, {altered} altered, {leaked} leaked",
             *own as f64 / total,
             *received as f64 / total,
+            *delayed as f64 / total,
             *imputed as f64 / total
         )
     }

@@ -13,6 +13,7 @@ pub struct InProcess<P: AgentPort = LocalPort> {
     hub: LocalHub,
     members: Vec<Member<P>>,
     layout: Layout,
+    longest_delay: u8,
     /// The number of weights of the policy.
     policy_weights: usize,
     /// Which weights are in force.
@@ -40,7 +41,15 @@ impl<P: AgentPort> InProcess<P> {
             Ok(Member::new(agent, wrap(hub.port(index)), layout, 0, 0))
         };
         let members = (0..spec.n_agents()).map(member).collect::<Result<_>>()?;
-        Ok(InProcess { spec, hub, members, layout, policy_weights: policy.n_values(), weights: 0 })
+        Ok(InProcess {
+            spec,
+            hub,
+            members,
+            layout,
+            longest_delay: settings.longest_delay,
+            policy_weights: policy.n_values(),
+            weights: 0,
+        })
     }
 }
 
@@ -72,6 +81,10 @@ impl<P: AgentPort> Team for InProcess<P> {
         }
         self.members.iter_mut().for_each(Member::predict);
         decisions.check_nobody_late(tick)
+    }
+
+    fn longest_delay(&self) -> u8 {
+        self.longest_delay
     }
 
     fn renew(&mut self, weights: &[f32]) -> Result<()> {

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::{Decisions, EpisodeStatistics, Observer, Stage, Statistics, Tick};
 use crate::base::error::Result;
+use crate::bus::NOT_ARRIVED;
 use crate::environment::Spec;
 
 /// Counts what happens, episode by episode.
@@ -52,7 +53,8 @@ impl Observer for Ledger<'_> {
             let episode = &mut self.playing[world];
             episode.due += spec.n_agents() as u64;
             episode.missed += u64::from(decisions.missing.count_ones());
-            count_deliveries(spec, &tick, decisions, world, episode);
+            episode.outdated += if tick.step > 0 { stage.outdated(world) } else { 0 };
+            count_deliveries(&tick, decisions, world, episode);
             sum_imputation_errors(spec, &tick, decisions, world, episode);
         }
         Ok(())
@@ -75,23 +77,26 @@ impl Observer for Ledger<'_> {
     }
 }
 
-fn count_deliveries(
-    spec: &Spec,
-    tick: &Tick,
-    decisions: &Decisions,
-    world: usize,
-    episode: &mut EpisodeStatistics,
-) {
+fn count_deliveries(tick: &Tick, decisions: &Decisions, world: usize, episode: &mut EpisodeStatistics) {
     if tick.step == 0 {
         return;
     }
-    let agents = spec.n_agents();
-    for agent in decisions.present(agents) {
-        let row = agent * tick.worlds + world;
-        let used = decisions.used[row] & !(1 << agent);
-        episode.delivered += u64::from(used.count_ones());
-        episode.late += u64::from((tick.rows[row] & !decisions.used[row]).count_ones());
-        episode.sent += agents as u64 - 1;
+    for agent in decisions.present(tick.agents) {
+        episode.sent += tick.agents as u64 - 1;
+        let ages = tick.arriving(agent, world).iter().zip(decisions.used(tick, agent, world));
+        for (_, (arriving, used)) in ages.enumerate().filter(|(sender, _)| *sender != agent) {
+            // What was sent at t = 0 counts in none of these.
+            if *arriving == NOT_ARRIVED || u32::from(*arriving) >= tick.step {
+                continue;
+            }
+            match *used {
+                NOT_ARRIVED => episode.late += 1,
+                age => {
+                    episode.delivered += 1;
+                    episode.delayed += u64::from(age > 0);
+                }
+            }
+        }
     }
 }
 
@@ -105,7 +110,8 @@ fn sum_imputation_errors(
     let (agents, joint, unique) = (spec.n_agents(), spec.joint_dim(), spec.unique_dim());
     for agent in decisions.present(agents) {
         let row = agent * tick.worlds + world;
-        for sender in (0..agents).filter(|sender| decisions.used[row] >> sender & 1 == 0) {
+        let used = decisions.used(tick, agent, world);
+        for sender in (0..agents).filter(|sender| used[*sender] != 0) {
             let imputed = &decisions.estimates[row * joint + sender * unique..][..unique];
             let truth = &tick.observation(spec, sender, world)[..unique];
             let squares = imputed.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));

@@ -3,6 +3,7 @@
 //! [`Session`] plays episodes with a [`Team`], in lockstep or by the clock: agents that run as processes of their own
 //! ([`Processes`]) or within this one ([`InProcess`]). [`Observer`]s look on.
 
+mod arrivals;
 mod audit;
 mod clock;
 mod command;
@@ -36,7 +37,7 @@ pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
 
 use crate::base::error::Result;
-use crate::bus::{Decision, DecisionTimes, Header, Layout, now_ns};
+use crate::bus::{Decision, DecisionTimes, Header, Layout, NOT_ARRIVED, now_ns};
 use crate::environment::Spec;
 use crate::failed;
 use crate::nn::kernels::all_finite;
@@ -51,12 +52,14 @@ pub struct Tick<'a> {
     pub step: u32,
     /// Ticks since the team started.
     pub tick: u64,
+    /// Size of the team.
+    pub agents: usize,
     /// Worlds that are played.
     pub worlds: usize,
     /// Padded observations, `[agents, worlds, observation]`.
     pub observations: &'a [f32],
-    /// Link rows, `[agents, worlds]`: bit j tells whether j's observation is delivered.
-    pub rows: &'a [u64],
+    /// How old what arrives at each agent from each sender is, or [`NOT_ARRIVED`], `[agents, worlds, agents]`.
+    pub ages: &'a [u8],
 }
 
 /// What a team answers.
@@ -64,8 +67,8 @@ pub struct Tick<'a> {
 pub struct Decisions {
     /// `[agents, worlds, width]`, see [`ActionSpace`](crate::environment::ActionSpace).
     pub actions: Vec<u32>,
-    /// Whose observations an agent used, `[agents, worlds]`.
-    pub used: Vec<u64>,
+    /// How old what had reached each agent from each sender was, or [`NOT_ARRIVED`], `[agents, worlds, agents]`.
+    pub ages: Vec<u8>,
     /// The policies' inputs, `[agents, worlds, joint]`.
     pub estimates: Vec<f32>,
     /// `[agents, worlds, n_actions]`.
@@ -91,9 +94,15 @@ pub struct AgentTimes {
 
 /// A team of agents.
 pub trait Team {
-    /// Gives every agent its own observation and its link rows, lets them exchange observations, and
+    /// Gives every agent its own observation and says what arrives at it, lets them exchange observations, and
     /// returns when all have decided: in lockstep, unless the team keeps to a clock.
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()>;
+
+    /// The most ticks by which links may postpone what it exchanges: the [`AgentSettings`](crate::agent::AgentSettings) it
+    /// was started with say so.
+    fn longest_delay(&self) -> u8 {
+        0
+    }
 
     /// Gives the agents new weights, in the order of [`Policy::copy_values`](crate::nn::Policy::copy_values).
     /// They are in force from the next tick that begins an episode.
@@ -118,6 +127,11 @@ fn check_weights(expected: usize, weights: &[f32]) -> Result<()> {
 }
 
 impl Tick<'_> {
+    /// How old what arrives at one agent in one world is, by sender.
+    pub fn arriving(&self, agent: usize, world: usize) -> &[u8] {
+        &self.ages[(agent * self.worlds + world) * self.agents..][..self.agents]
+    }
+
     /// The padded observation of one agent in one world.
     pub fn observation(&self, spec: &Spec, agent: usize, world: usize) -> &[f32] {
         let length = spec.padded_obs_dim();
@@ -137,11 +151,12 @@ impl Tick<'_> {
         }
     }
 
-    /// Writes the sensor message of one agent: its own observations and its rows, nobody else's.
+    /// Writes the sensor message of one agent: its own observations and what arrives at it, nobody else's.
     fn write(&self, agent: usize, layout: &Layout, words: &mut [u32]) {
         let mine = agent * self.worlds..(agent + 1) * self.worlds;
         let observations = &self.observations[mine.start * layout.observation..mine.end * layout.observation];
-        layout.write_sensor(words, &self.rows[mine], observations);
+        let ages = &self.ages[mine.start * layout.agents..mine.end * layout.agents];
+        layout.write_sensor(words, ages, observations);
     }
 }
 
@@ -150,7 +165,7 @@ impl Decisions {
     fn resize(&mut self, agents: usize, worlds: usize, layout: &Layout) {
         let rows = agents * worlds;
         self.actions.resize(rows * layout.action, 0);
-        self.used.resize(rows, 0);
+        self.ages.resize(rows * agents, NOT_ARRIVED);
         self.estimates.resize(rows * layout.joint, 0.0);
         self.logits.resize(rows * layout.logits, 0.0);
         self.times.resize(agents, AgentTimes::default());
@@ -180,10 +195,10 @@ impl Decisions {
                 ));
             }
             self.actions[(first + world) * width..][..width].copy_from_slice(action);
-            self.used[first + world] = decision.row(world);
         }
-        let (estimates, logits) = (decision.estimates, decision.logits);
+        let (ages, estimates, logits) = (decision.ages, decision.estimates, decision.logits);
         self.estimates[agent * estimates.len()..][..estimates.len()].copy_from_slice(estimates);
+        self.ages[agent * ages.len()..][..ages.len()].copy_from_slice(ages);
         self.logits[agent * logits.len()..][..logits.len()].copy_from_slice(logits);
         self.times[agent].decision = decision.times;
         Ok(())
@@ -194,13 +209,18 @@ impl Decisions {
     /// In lockstep, a team in which somebody was late, however that came about, would give another result than the
     /// same team undisturbed.
     fn check_nobody_late(&self, tick: &Tick) -> Result<()> {
-        let late = |row: usize| tick.rows[row] & !self.used[row];
-        match (0..tick.rows.len()).find(|row| late(*row) != 0) {
+        // Nothing gets in that did not arrive, so what differs is missing.
+        let late = tick.ages.iter().zip(&self.ages).position(|(arriving, used)| arriving != used);
+        match late.map(|at| (at % tick.agents, at / (tick.agents * tick.worlds))) {
             None => Ok(()),
-            Some(row) => {
-                let (late, agent) = (late(row).trailing_zeros(), row / tick.worlds);
+            Some((late, agent)) => {
                 Err(failed!("agent-{late} was too late for agent-{agent}; ending the swarm"))
             }
         }
+    }
+
+    /// How old what had reached one agent in one world was, by sender.
+    pub fn used(&self, tick: &Tick, agent: usize, world: usize) -> &[u8] {
+        &self.ages[(agent * tick.worlds + world) * tick.agents..][..tick.agents]
     }
 }

@@ -29,6 +29,7 @@ pub struct Processes {
     /// Which swarm it is, and which weights are in force.
     identity: Header,
     layout: Layout,
+    longest_delay: u8,
     /// The number of weights of the policy.
     policy_weights: usize,
     wait: Wait,
@@ -88,6 +89,7 @@ impl Processes {
             worlds: settings.worlds,
             weights,
             real_time: rate.is_some(),
+            longest_delay: settings.longest_delay,
         };
         check_shared_memory(&address, &layout)?;
         allow_open_files(team)?;
@@ -97,6 +99,7 @@ impl Processes {
             port: SupervisorPort::create(&address, &layout)?,
             identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
             layout,
+            longest_delay: settings.longest_delay,
             policy_weights: policy.n_values(),
             wait,
             deadlines,
@@ -301,6 +304,10 @@ impl Team for Processes {
             None => self.tick_in_lockstep(tick, decisions),
             Some(period) => self.tick_in_real_time(tick, decisions, period),
         }
+    }
+
+    fn longest_delay(&self) -> u8 {
+        self.longest_delay
     }
 
     fn renew(&mut self, weights: &[f32]) -> Result<()> {

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::{Decisions, Observer, Stage, Tick};
 use crate::base::error::Result;
+use crate::bus::NOT_ARRIVED;
 use crate::environment::{End, Spec};
 use crate::recording::{Episode, Header, RecordingFile};
 
@@ -40,7 +41,13 @@ impl Observer for Recorder {
 
     fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
         for world in stage.playing() {
-            record_tick(stage.spec(), &stage.tick(), decisions, world, &mut self.playing[world]);
+            let (tick, episode) = (stage.tick(), &mut self.playing[world]);
+            record_tick(stage.spec(), &tick, decisions, world, episode);
+            if stage.longest_delay() > 0 {
+                let age = |age: &u8| Some(*age).filter(|age| *age != NOT_ARRIVED);
+                let ages = |agent| decisions.used(&tick, agent, world).iter().map(age).collect();
+                episode.ages.push((0..tick.agents).map(ages).collect());
+            }
         }
         Ok(())
     }
@@ -65,10 +72,11 @@ impl Observer for Recorder {
 fn record_tick(spec: &Spec, tick: &Tick, decisions: &Decisions, world: usize, episode: &mut Episode) {
     let (agents, joint, n_actions) = (spec.n_agents(), spec.joint_dim(), spec.n_actions());
     let rows = || (0..agents).map(|agent| agent * tick.worlds + world);
-    let bits = |row: u64| (0..agents).map(|sender| (row >> sender & 1) as u8).collect();
     episode.obs.push((0..agents).map(|agent| tick.observation(spec, agent, world).to_vec()).collect());
     episode.actions.push((0..agents).map(|agent| decisions.action(spec, tick, agent, world)).collect());
-    episode.delivered.push(rows().map(|row| bits(decisions.used[row])).collect());
+    let delivered =
+        |agent| decisions.used(tick, agent, world).iter().map(|age| u8::from(*age == 0)).collect();
+    episode.delivered.push((0..agents).map(delivered).collect());
     episode
         .joint_estimate
         .push(rows().map(|row| decisions.estimates[row * joint..][..joint].to_vec()).collect());

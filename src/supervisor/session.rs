@@ -6,6 +6,7 @@ use super::{Decisions, Observer, Stage, Team, signals};
 use crate::base::error::Result;
 use crate::environment::Environment;
 use crate::link::Links;
+use crate::usage;
 
 /// The one episode driver: worlds and links, in which a [`Team`] plays while [`Observer`]s look on.
 #[derive(Debug)]
@@ -34,13 +35,21 @@ impl Session {
     /// Plays all episodes numbered below `end` that it has not played, or until an observer has seen enough.
     ///
     /// # Errors
-    /// `Interrupted` if the program was asked to stop; whatever the team or an observer fails with.
+    /// `Usage` if the links postpone by more than the team was started for; `Interrupted` if the program was asked to stop;
+    /// whatever the team or an observer fails with.
     pub fn play(
         &mut self,
         team: &mut impl Team,
         end: u64,
         observers: &mut [&mut dyn Observer],
     ) -> Result<()> {
+        let (links, kept) = (self.stage.longest_delay(), team.longest_delay());
+        if links > kept {
+            return Err(usage!(
+                "these links postpone by up to {links} ticks, and this team keeps observations for {kept}; start it with \
+                 settings whose `longest_delay` is {links}"
+            ));
+        }
         while self.next_episode() < end && !observers.iter().any(|observer| observer.has_seen_enough()) {
             self.play_episodes(team, end, observers)?;
         }

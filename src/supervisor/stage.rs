@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::arrivals::Arrivals;
 use super::{Decisions, Tick};
 use crate::base::error::Result;
 use crate::environment::{End, Environment, Outcome, Spec};
@@ -15,6 +16,8 @@ pub struct Stage {
     links: Links,
     /// What becomes of what is sent in one world.
     fates: Fates,
+    /// What is under way in each world.
+    arrivals: Vec<Arrivals>,
     seed: u64,
     /// Episode of world 0; world w plays episode + w.
     episode: u64,
@@ -24,8 +27,8 @@ pub struct Stage {
     tick: u64,
     /// Padded observations, `[agents, active, observation]`.
     observations: Vec<f32>,
-    /// Link rows, `[agents, active]`.
-    rows: Vec<u64>,
+    /// How old what arrives is, `[agents, active, agents]`.
+    ages: Vec<u8>,
     /// Worlds whose episodes are under way, `[active]`. Fewer than all worlds are active in the last batch.
     playing: Vec<bool>,
     /// Worlds that took the last step, `[active]`.
@@ -40,6 +43,10 @@ impl Stage {
         Stage {
             spec: environment.spec().clone(),
             fates: Fates::new(environment.spec().n_agents()),
+            arrivals: vec![
+                Arrivals::new(environment.spec().n_agents(), links.longest_delay());
+                environment.worlds()
+            ],
             environment,
             links,
             seed,
@@ -48,7 +55,7 @@ impl Stage {
             step: 0,
             tick: 0,
             observations: Vec::new(),
-            rows: Vec::new(),
+            ages: Vec::new(),
             playing: Vec::new(),
             stepped: Vec::new(),
             outcome: Outcome::default(),
@@ -74,6 +81,16 @@ impl Stage {
     /// The one probability with which every link delivers in an episode, if there is one.
     pub fn level(&self, episode: u64) -> Option<f64> {
         self.links.level_of(self.seed, episode)
+    }
+
+    /// The most ticks by which anything is postponed.
+    pub fn longest_delay(&self) -> u8 {
+        self.links.longest_delay()
+    }
+
+    /// How many observations turned out at this tick to be older than what their receivers see, and are not shown.
+    pub fn outdated(&self, world: usize) -> u64 {
+        self.arrivals[world].outdated()
     }
 
     /// The number of worlds in which an episode has begun.
@@ -131,9 +148,10 @@ impl Stage {
         for (world, episode) in (0..worlds).zip(self.episode..) {
             self.environment.reset(world, self.seed, episode)?;
             self.links.begin(world, episode);
+            self.arrivals[world].begin();
         }
         let rows = self.spec.n_agents() * worlds;
-        self.rows.resize(rows, 0);
+        self.ages.resize(rows * self.spec.n_agents(), 0);
         self.observations.resize(rows * self.spec.padded_obs_dim(), 0.0);
         self.outcome.rewards.resize(rows, 0.0);
         for (all, begun) in [(&mut self.playing, true), (&mut self.stepped, false)] {
@@ -150,10 +168,10 @@ impl Stage {
         self.environment.observe(self.playing.len(), &mut self.observations)
     }
 
-    /// Draws who receives whom.
+    /// Draws what becomes of what is sent at this step, and with it what arrives.
     ///
     /// # Errors
-    /// What the links fail with.
+    /// What the links fail with, and if they postpone by more than they said.
     pub fn draw_links(&mut self) -> Result<()> {
         let (agents, worlds) = (self.spec.n_agents(), self.worlds());
         let bytes = self.spec.padded_obs_dim() * size_of::<f32>();
@@ -162,9 +180,10 @@ impl Stage {
             let address = Address { seed: self.seed, position: 0, episode, step };
             let positions = Some(self.environment.positions(world)).filter(|places| !places.is_empty());
             self.links.deliveries(&Context { address, world, bytes, positions }, &mut self.fates)?;
-            for agent in 0..agents {
-                self.rows[agent * worlds + world] = self.fates.row(agent);
-            }
+            let all = &mut self.ages;
+            self.arrivals[world].send(&self.fates, |agent, ages| {
+                all[(agent * worlds + world) * agents..][..agents].copy_from_slice(ages);
+            })?;
         }
         self.tick += 1;
         Ok(())
@@ -176,9 +195,10 @@ impl Stage {
             episode: self.episode,
             step: self.step,
             tick: self.tick,
+            agents: self.spec.n_agents(),
             worlds: self.worlds(),
             observations: &self.observations,
-            rows: &self.rows,
+            ages: &self.ages,
         }
     }
 

@@ -12,6 +12,10 @@ pub struct EpisodeStatistics {
     pub episode_return: f64,
     /// Observations delivered, over i != j and t >= 1.
     pub delivered: u64,
+    /// Those of them that links had postponed.
+    pub delayed: u64,
+    /// Observations that arrived when newer ones of the same sender had been seen, at t >= 1, and were not shown.
+    pub outdated: u64,
     /// Observations sent, over i != j and t >= 1, to agents that decided in time: all of them in lockstep.
     pub sent: u64,
     /// Observations whose links were up and that were not used all the same, over i != j and t >= 1. There are none in
@@ -43,6 +47,8 @@ impl Statistics {
         total.episode_return += episode.episode_return;
         total.delivered += episode.delivered;
         total.sent += episode.sent;
+        total.delayed += episode.delayed;
+        total.outdated += episode.outdated;
         total.late += episode.late;
         total.due += episode.due;
         total.missed += episode.missed;
@@ -82,10 +88,25 @@ impl Statistics {
         (sent > 0).then(|| delivered as f64 / sent as f64)
     }
 
-    /// Share of observations that the links dropped, over i != j and t >= 1; `None` for a team of one.
+    /// Share of observations that were delivered after links had postponed them, over i != j and t >= 1; `None` for a team
+    /// of one.
+    pub fn delayed_rate(&self) -> Option<f64> {
+        let EpisodeStatistics { delayed, sent, .. } = self.total;
+        (sent > 0).then(|| delayed as f64 / sent as f64)
+    }
+
+    /// Share of observations that links had postponed until newer ones had been seen, over i != j and t >= 1; `None` for a
+    /// team of one.
+    pub fn outdated_rate(&self) -> Option<f64> {
+        let EpisodeStatistics { outdated, sent, .. } = self.total;
+        (sent > 0).then(|| outdated as f64 / sent as f64)
+    }
+
+    /// Share of observations that the links dropped, over i != j and t >= 1; `None` for a team of one. What was under way
+    /// when an episode ended is dropped.
     pub fn dropped_rate(&self) -> Option<f64> {
-        let EpisodeStatistics { delivered, late, sent, .. } = self.total;
-        (sent > 0).then(|| (sent - delivered - late) as f64 / sent as f64)
+        let EpisodeStatistics { delivered, outdated, late, sent, .. } = self.total;
+        (sent > 0).then(|| sent.saturating_sub(delivered + outdated + late) as f64 / sent as f64)
     }
 
     /// Share of observations that were late, over i != j and t >= 1; `None` for a team of one.

@@ -132,7 +132,7 @@ impl State {
         };
         let seen = if config.sees_own_actions() { actions_in("replay.actions")? } else { Vec::new() };
         if !self.replay.restore(need("replay.joint")?, lengths("replay.lengths"), seen) {
-            return Err(checkpoint.damaged("what it has of replay does not fit"));
+            return Err(checkpoint.damaged("replay.joint, replay.lengths or replay.actions does not fit"));
         }
         if config.update_every < config.batch_episodes {
             let Batch { steps, observations, joint, estimates, actions, rewards, ends, .. } = &mut self.batch;

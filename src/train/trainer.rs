@@ -80,6 +80,7 @@ impl Trainer {
             greedy: false,
             seed: self.config.seed,
             worlds: self.config.update_every,
+            longest_delay: self.config.links().longest_delay(),
         }
     }
 

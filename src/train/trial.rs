@@ -80,6 +80,7 @@ fn play(
         greedy: false,
         seed: config.seed,
         worlds: config.test_episodes.min(WORLDS) as usize,
+        longest_delay: 0,
     };
     let first = FIRST_EPISODE + row as u64 * config.test_episodes;
     let links = Links::level(level);

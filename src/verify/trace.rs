@@ -26,6 +26,7 @@ pub(super) fn compare(
     let policy = find_policy(file, recording, source, spec)?;
     let settings = AgentSettings {
         imputer: Registry::default().choose(recording.header.imputer.as_deref(), &policy)?,
+        longest_delay: recording.episodes.iter().map(Episode::longest_delay).max().unwrap_or_default(),
         ..AgentSettings::of(spec)
     };
     let (mut estimates, mut logits) = (Deviations::default(), Deviations::default());
@@ -56,11 +57,11 @@ fn replay(
 ) {
     let (index, available) = (agent.index(), spec.available_actions(agent.index()));
     agent.begin_episode(1);
-    for (step, delivered) in episode.delivered.iter().enumerate() {
+    for step in 0..episode.delivered.len() {
         let observations = &episode.obs[step];
         let inbox = Inbox::of(spec.n_agents(), |sender| {
-            let received = Received { tick: step as u64, observation: &observations[sender] };
-            (delivered[index][sender] == 1).then_some(received)
+            let age = episode.age(step, index, sender)?;
+            Some(Received { age, observation: &episode.obs[step - usize::from(age)][sender] })
         });
         agent.fuse(0, &observations[index], &inbox);
         agent.act(0, step as u32, 1);

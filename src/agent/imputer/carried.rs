@@ -2,6 +2,7 @@
 
 use super::{JointLayout, Setup};
 use crate::agent::Inbox;
+use crate::bus::NOT_ARRIVED;
 
 /// What stands for the unique parts that are not received at the next step.
 #[derive(Clone, Debug)]
@@ -29,8 +30,8 @@ impl Carried {
         self.values.fill(0.0);
     }
 
-    /// Writes the joint estimate of one world: the own observation and the delivered ones as they are, and what was
-    /// carried for the others.
+    /// Writes the joint estimate of one world: the own observation and the delivered ones as they are, however late,
+    /// and what was carried for the others.
     pub fn fuse(&self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         let JointLayout { unique, .. } = self.layout;
         let carried = &self.values[world * self.layout.predicted()..];
@@ -40,6 +41,17 @@ impl Carried {
             None => &carried[sender * unique..],
         };
         self.layout.join(known, own, estimate);
+    }
+
+    /// Who is heard of only now, by what it observed so many steps ago: the sender and the age.
+    pub fn late(&self, inbox: &Inbox) -> impl Iterator<Item = (usize, u8)> {
+        let ages = (0..self.layout.agents).map(|sender| (sender, inbox.age(sender)));
+        ages.filter(|(sender, age)| *sender != self.agent && ![0, NOT_ARRIVED].contains(age))
+    }
+
+    /// What is carried of an agent in one world.
+    pub fn of(&self, world: usize, agent: usize) -> &[f32] {
+        &self.values[world * self.layout.predicted()..][self.layout.part(agent)]
     }
 
     /// World by world, what is carried to the next step, and the joint estimate that it follows from.

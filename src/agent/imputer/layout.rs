@@ -1,5 +1,7 @@
 //! How the joint observation is put together.
 
+use std::ops::Range;
+
 use crate::environment::Spec;
 
 /// Where the parts of the joint observation are: `unique_1 .. unique_n, common`.
@@ -27,6 +29,11 @@ impl JointLayout {
     /// Length of its predicted part.
     pub fn predicted(&self) -> usize {
         self.agents * self.unique
+    }
+
+    /// Where the unique part of an agent is.
+    pub fn part(&self, agent: usize) -> Range<usize> {
+        agent * self.unique..(agent + 1) * self.unique
     }
 
     /// Puts `joint` together: the unique part of each agent from the front of what `known` knows of it, and the

@@ -5,6 +5,7 @@
 mod carried;
 mod hold;
 mod layout;
+mod past;
 mod predictor;
 mod registry;
 mod velocity;
@@ -31,8 +32,9 @@ pub trait Imputer: std::fmt::Debug + Send {
     fn begin_episodes(&mut self, worlds: usize);
 
     /// Writes the joint estimate of one world, in the order of a [`JointLayout`]: what the agent itself observes
-    /// (`own`) and what reached it as it is, its best guess for the rest. [`Carried::fuse`] does that for a guess
-    /// that is carried from step to step.
+    /// (`own`) and what it is just told of others as it is, its best guess for the rest. [`Carried::fuse`] does that for a
+    /// guess that is carried from step to step; what is made of observations that [arrive late](Carried::late) is left
+    /// to each imputer.
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]);
 
     /// Guesses what the next step will bring. The action is already out, so this may take longer than `fuse`.
@@ -57,6 +59,8 @@ pub struct Setup<'a> {
     pub agent: usize,
     /// The most parallel worlds.
     pub worlds: usize,
+    /// The most ticks by which links may postpone an observation.
+    pub longest_delay: u8,
     /// The seed of all draws, which are addressed by the episode and step of a [`Step`].
     pub seed: u64,
 }

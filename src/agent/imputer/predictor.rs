@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::past::Past;
 use super::{Carried, Imputer, Setup, Step};
 use crate::agent::Inbox;
 use crate::nn::{LstmState, Predictor, Scratch};
@@ -21,6 +22,7 @@ pub(super) struct Prediction {
     before: LstmState,
     /// The number of what the agent does in each world.
     acts: Vec<usize>,
+    past: Past,
     scratch: Scratch,
     /// What the predictor says, `[worlds, 2, predicted]`: mean delta and raw log-std.
     out: Vec<f32>,
@@ -37,6 +39,7 @@ impl Prediction {
             weights: setup.policy.predictor_range(name)?,
             first_act: setup.policy.dims().act(setup.agent, 0),
             acts: Vec::with_capacity(setup.worlds),
+            past: Past::new(carried.layout(), setup.worlds, setup.longest_delay),
             scratch: Scratch::default(),
             carried,
             predictor,
@@ -49,13 +52,37 @@ impl Imputer for Prediction {
     fn begin_episodes(&mut self, worlds: usize) {
         self.carried.forget();
         self.state.start(&self.predictor, worlds);
+        self.past.begin_episode();
     }
 
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         self.carried.fuse(world, own, inbox, estimate);
+        for (sender, age) in self.carried.late(inbox) {
+            let part = &mut estimate[self.carried.layout().part(sender)];
+            self.past.correct(world, sender, age, self.carried.of(world, sender), part);
+        }
     }
 
     fn predict(&mut self, step: &Step) {
+        self.past.keep(step.estimates);
+        self.advance(step);
+    }
+
+    fn revise(&mut self, step: &Step) {
+        if self.predictor.spec().sees_own_action() {
+            std::mem::swap(&mut self.state, &mut self.before);
+            self.advance(step);
+        }
+    }
+
+    fn renew(&mut self, weights: &[f32]) {
+        self.predictor.renew(&weights[self.weights.clone()]);
+    }
+}
+
+impl Prediction {
+    /// Lets the predictor see a step, and carries on what it says.
+    fn advance(&mut self, step: &Step) {
         let Prediction { carried, predictor, first_act, state, before, acts, scratch, out, .. } = self;
         let (worlds, predicted) = (step.actions.len(), carried.layout().predicted());
         if predictor.spec().sees_own_action() {
@@ -71,17 +98,6 @@ impl Imputer for Prediction {
                 *carried = value + delta;
             }
         }
-    }
-
-    fn revise(&mut self, step: &Step) {
-        if self.predictor.spec().sees_own_action() {
-            std::mem::swap(&mut self.state, &mut self.before);
-            self.predict(step);
-        }
-    }
-
-    fn renew(&mut self, weights: &[f32]) {
-        self.predictor.renew(&weights[self.weights.clone()]);
     }
 }
 
@@ -100,7 +116,7 @@ mod tests {
         let spec = PredictorSpec { inputs: vec![Input::Estimate, Input::OwnAction], ..spec };
         let networks = Networks { predictors: vec![spec], ..Networks::paper(ActorKind::Mlp) };
         let policy = Policy::untrained(&dims(task.spec()), 3, networks).unwrap();
-        let setup = Setup { spec: task.spec(), policy: &policy, agent, worlds: 1, seed: 0 };
+        let setup = Setup { spec: task.spec(), policy: &policy, agent, worlds: 1, longest_delay: 0, seed: 0 };
         let mut imputer = Prediction::new("one", &setup).unwrap();
         imputer.begin_episodes(1);
         let (own, mut estimate) = (vec![0.5; 8], vec![0.0; task.spec().joint_dim()]);

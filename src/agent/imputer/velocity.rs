@@ -41,6 +41,14 @@ impl Imputer for Velocity {
 
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         self.carried.fuse(world, own, inbox, estimate);
+        for (sender, age) in self.carried.late(inbox) {
+            let part = self.carried.layout().part(sender);
+            (0..age).for_each(|_| {
+                self.motions.iter().filter(|motion| part.contains(&motion.place)).for_each(|motion| {
+                    estimate[motion.place] += motion.factor * estimate[motion.velocity];
+                });
+            });
+        }
     }
 
     fn predict(&mut self, step: &Step) {
@@ -64,7 +72,8 @@ mod tests {
     fn places_move_on_with_the_velocity_and_the_rest_stays() {
         let task = Task::parse("speaker-listener").unwrap();
         let policy = PolicySource::Untrained(0).load(task.spec()).unwrap();
-        let setup = Setup { spec: task.spec(), policy: &policy, agent: 0, worlds: 1, seed: 0 };
+        let setup =
+            Setup { spec: task.spec(), policy: &policy, agent: 0, worlds: 1, longest_delay: 0, seed: 0 };
         let mut imputer = Velocity::new(&setup);
         imputer.begin_episodes(1);
         let speaker = [0.15, 0.65, 0.15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];

@@ -18,6 +18,8 @@ impl Imputer for Zero {
 
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         self.0.fuse(world, own, inbox, estimate);
+        // What is now was not received.
+        self.0.late(inbox).for_each(|(sender, _)| estimate[self.0.layout().part(sender)].fill(0.0));
     }
 
     fn predict(&mut self, _step: &Step) {}

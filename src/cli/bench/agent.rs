@@ -151,14 +151,14 @@ impl Measured {
         let settings = AgentSettings { imputer, worlds, ..AgentSettings::of(task.spec()) };
         let mut agent = Agent::with_policy(&settings, policy, 0)?;
         let observation: Vec<f32> = numbers(task.spec().padded_obs_dim());
-        let received = Some(Received { tick: 1, observation: &observation });
+        let received = Some(Received { age: 0, observation: &observation });
         agent.begin_episode(worlds);
         let mut step = 0;
         repeat(longest, |counts| {
             step += 1;
             let began = now_ns();
             for world in 0..worlds {
-                black_box(agent.fuse(world, &observation, &Inbox::of(task.spec().n_agents(), |_| received)));
+                agent.fuse(world, &observation, &Inbox::of(task.spec().n_agents(), |_| received));
             }
             let fused = now_ns();
             agent.act(0, step, worlds);

@@ -1,0 +1,126 @@
+//! What was estimated at the last steps, against which observations that arrive late are held.
+
+use super::JointLayout;
+
+/// The estimates of the last steps in each world.
+///
+/// An observation that was made k steps ago says how wrong the estimate of that step was. The predictions made since are
+/// kept, and what they started from is put right: the estimates of that step and of all later ones move by what was wrong.
+#[derive(Clone, Debug)]
+pub struct Past {
+    layout: JointLayout,
+    /// Steps that are kept.
+    kept: usize,
+    /// `[worlds, kept, predicted]`, a step at its number modulo `kept`.
+    estimates: Vec<f32>,
+    /// Steps of the episode so far.
+    steps: usize,
+}
+
+impl Past {
+    /// Room for the last `longest_delay` steps.
+    pub fn new(layout: JointLayout, worlds: usize, longest_delay: u8) -> Past {
+        let kept = longest_delay.into();
+        Past { layout, kept, estimates: vec![0.0; worlds * kept * layout.predicted()], steps: 0 }
+    }
+
+    /// An episode begins.
+    pub fn begin_episode(&mut self) {
+        self.steps = 0;
+    }
+
+    /// Keeps the joint estimates of a step, `[worlds, joint]`.
+    pub fn keep(&mut self, estimates: &[f32]) {
+        if self.kept == 0 {
+            return;
+        }
+        let (joint, predicted) = (self.layout.joint(), self.layout.predicted());
+        let place = self.steps % self.kept;
+        let worlds = self.estimates.chunks_exact_mut(self.kept * predicted);
+        for (world, estimate) in worlds.zip(estimates.chunks_exact(joint)) {
+            world[place * predicted..][..predicted].copy_from_slice(&estimate[..predicted]);
+        }
+        self.steps += 1;
+    }
+
+    /// Turns what `sender` observed `age` steps ago, in `part`, into an estimate of what it observes now, of which `carried`
+    /// was the estimate without it.
+    ///
+    /// If that step is not kept, since the agent has missed some against the clock, the observation is the estimate.
+    pub fn correct(&mut self, world: usize, sender: usize, age: u8, carried: &[f32], part: &mut [f32]) {
+        let (JointLayout { unique, .. }, predicted, kept) = (self.layout, self.layout.predicted(), self.kept);
+        let age = usize::from(age);
+        if age > self.steps.min(kept) {
+            return;
+        }
+        let world = &mut self.estimates[world * kept * predicted..][..kept * predicted];
+        let at = |step: usize| step % kept * predicted + sender * unique;
+        let then = self.steps - age;
+        for dim in 0..unique {
+            let wrong = part[dim] - world[at(then) + dim];
+            (then..self.steps).for_each(|step| world[at(step) + dim] += wrong);
+            part[dim] = carried[dim] + wrong;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LAYOUT: JointLayout = JointLayout { agents: 2, unique: 1, common: 1 };
+
+    /// Agent 1's place is estimated with `drift` too much a step, starting from `wrong`; at each step an observation arrives
+    /// that is `age` steps old. How far off the estimates are.
+    fn errors(age: u8, wrong: f32, drift: f32) -> Vec<f32> {
+        let mut past = Past::new(LAYOUT, 2, 5);
+        past.begin_episode();
+        let truth = |step: usize| step as f32;
+        let mut carried = wrong;
+        let mut errors = Vec::new();
+        for step in 0..20 {
+            let mut estimate = carried;
+            if step >= usize::from(age) {
+                let mut part = [truth(step - usize::from(age))];
+                past.correct(1, 1, age, &[carried], &mut part);
+                estimate = part[0];
+            }
+            errors.push(estimate - truth(step));
+            past.keep(&[0.0, 0.0, 0.0, 0.0, estimate, 0.0]);
+            carried = estimate + 1.0 + drift;
+        }
+        errors
+    }
+
+    #[test]
+    fn what_was_wrong_is_put_right_once() {
+        for age in 1..=5 {
+            let errors = errors(age, 8.0, 0.0);
+            let (before, after) = errors.split_at(age.into());
+            assert!(
+                before.iter().all(|error| *error == 8.0) && after.iter().all(|error| *error == 0.0),
+                "{errors:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_left_is_what_was_wrongly_predicted_since() {
+        for age in 1..=5 {
+            let errors = errors(age, 0.0, 0.25);
+            assert!(errors[age.into()..].iter().all(|error| *error == 0.25 * f32::from(age)), "{errors:?}");
+        }
+    }
+
+    #[test]
+    fn without_an_estimate_of_then_the_observation_counts() {
+        let mut past = Past::new(LAYOUT, 1, 2);
+        past.keep(&[0.0, 1.0, 0.0]);
+        let mut part = [4.0];
+        past.correct(0, 1, 2, &[9.0], &mut part);
+        assert_eq!(part, [4.0]);
+        past.begin_episode();
+        past.correct(0, 1, 1, &[9.0], &mut part);
+        assert_eq!(part, [4.0], "those of the last episode are over");
+    }
+}

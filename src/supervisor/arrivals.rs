@@ -1,0 +1,157 @@
+//! From what links do with an observation when it is sent to what arrives when.
+
+use crate::base::error::Result;
+use crate::bus::NOT_ARRIVED;
+use crate::failed;
+use crate::link::Fates;
+
+/// What is under way in one world.
+///
+/// An observation that is sent at step t and postponed by k ticks arrives at t + k. Of several that arrive at once from one
+/// sender the newest is shown, and none that is older than what its receiver has already seen of that sender: links may
+/// overtake. What is under way when the episode ends is lost.
+#[derive(Clone, Debug)]
+pub(super) struct Arrivals {
+    agents: usize,
+    /// The age at which the newest observation arrives at each of the steps to come, `[longest delay + 1, receiver, sender]`,
+    /// the present step at `step` modulo their number.
+    arriving: Vec<u8>,
+    /// How many arrive beside a newer one, at each of these steps.
+    overtaken: Vec<u64>,
+    /// How old the newest that a receiver has seen of each sender is, `[receiver, sender]`.
+    seen: Vec<u8>,
+    step: usize,
+    /// Observations that arrived at this step and are not shown, because newer ones have been seen.
+    outdated: u64,
+}
+
+impl Arrivals {
+    /// Nothing is under way in a team of `agents`, and nothing will be for longer than this.
+    pub(super) fn new(agents: usize, longest_delay: u8) -> Arrivals {
+        let links = agents * agents;
+        Arrivals {
+            agents,
+            arriving: vec![NOT_ARRIVED; (usize::from(longest_delay) + 1) * links],
+            overtaken: vec![0; usize::from(longest_delay) + 1],
+            seen: vec![NOT_ARRIVED; links],
+            step: 0,
+            outdated: 0,
+        }
+    }
+
+    /// An episode begins: nothing is under way, and nothing has been seen.
+    pub(super) fn begin(&mut self) {
+        self.arriving.fill(NOT_ARRIVED);
+        self.overtaken.fill(0);
+        self.seen.fill(NOT_ARRIVED);
+        self.step = 0;
+    }
+
+    /// Sends what has these fates at the next step, and says how old what arrives at it is: `arrived(receiver, ages)`
+    /// gets an age per sender, or [`NOT_ARRIVED`].
+    ///
+    /// # Errors
+    /// `Failed` if something is postponed by more than was said.
+    pub(super) fn send(&mut self, fates: &Fates, mut arrived: impl FnMut(usize, &[u8])) -> Result<()> {
+        let links = self.agents * self.agents;
+        let steps = self.overtaken.len();
+        for (link, fate) in fates.ticks().iter().enumerate().filter(|(_, fate)| **fate != NOT_ARRIVED) {
+            let ticks = usize::from(*fate);
+            if ticks >= steps {
+                return Err(failed!(
+                    "links postponed an observation by {ticks} ticks, and said that {} are the most",
+                    steps - 1
+                ));
+            }
+            let then = (self.step + ticks) % steps;
+            // What is sent later is younger on arrival.
+            let before = std::mem::replace(&mut self.arriving[then * links + link], *fate);
+            self.overtaken[then] += u64::from(before != NOT_ARRIVED);
+        }
+        let now = self.step % steps;
+        self.outdated = std::mem::take(&mut self.overtaken[now]);
+        let now = &mut self.arriving[now * links..][..links];
+        for (age, seen) in now.iter_mut().zip(&mut self.seen) {
+            if *seen != NOT_ARRIVED {
+                *seen = seen.saturating_add(1).min(NOT_ARRIVED - 1);
+            }
+            if *age < *seen {
+                *seen = *age;
+            } else if *age != NOT_ARRIVED {
+                *age = NOT_ARRIVED;
+                self.outdated += 1;
+            }
+        }
+        now.chunks_exact(self.agents).enumerate().for_each(|(receiver, ages)| arrived(receiver, ages));
+        now.fill(NOT_ARRIVED);
+        self.step += 1;
+        Ok(())
+    }
+
+    /// Observations that turned out at this step to be older than what their receivers see.
+    pub(super) fn outdated(&self) -> u64 {
+        self.outdated
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What agent 0 sees of agent 1 at each step, if what is sent there has these fates; and what it does not.
+    fn ages(longest: u8, fates_of: &[Option<u8>]) -> (Vec<u8>, Vec<u64>) {
+        let mut arrivals = Arrivals::new(2, longest);
+        let (mut seen, mut outdated) = (Vec::new(), Vec::new());
+        // An episode before leaves nothing behind.
+        for episode in 0..2 {
+            arrivals.begin();
+            seen.clear();
+            outdated.clear();
+            for fate in fates_of {
+                let mut fates = Fates::new(2);
+                match fate {
+                    Some(ticks) => fates.postpone(0, 1, *ticks),
+                    None => fates.lose(0, 1),
+                }
+                let see = |receiver: usize, ages: &[u8]| match receiver {
+                    0 => seen.push(ages[1]),
+                    _ => assert_eq!(ages, [0, 0], "episode {episode}"),
+                };
+                arrivals.send(&fates, see).unwrap();
+                outdated.push(arrivals.outdated());
+            }
+        }
+        (seen, outdated)
+    }
+
+    const NO: u8 = NOT_ARRIVED;
+
+    #[test]
+    fn what_is_postponed_arrives_later_and_never_after_the_end() {
+        let two = Some(2);
+        assert_eq!(ages(2, &[two, two, None, two, two, two]).0, [NO, NO, 2, 2, NO, 2]);
+        assert_eq!(ages(0, &[Some(0), None, Some(0)]).0, [0, NO, 0]);
+    }
+
+    #[test]
+    fn what_is_overtaken_is_counted_and_not_shown() {
+        // Sent at 0 for 3, at 1 for 1: the second arrives at 2, the first at 3.
+        let (seen, outdated) = ages(3, &[Some(3), Some(1), None, None, None]);
+        assert_eq!((&seen[..], &outdated[..]), (&[NO, NO, 1, NO, NO][..], &[0, 0, 0, 1, 0][..]));
+    }
+
+    #[test]
+    fn of_several_at_once_the_newest_is_shown() {
+        let (seen, outdated) = ages(2, &[Some(2), Some(1), Some(0), Some(1), Some(0)]);
+        // Three arrive at step 2, two at step 4.
+        assert_eq!((&seen[..], &outdated[..]), (&[NO, NO, 0, NO, 0][..], &[0, 0, 2, 0, 1][..]));
+    }
+
+    #[test]
+    fn links_that_break_their_word_are_told_so() {
+        let mut fates = Fates::new(2);
+        fates.postpone(1, 0, 3);
+        let error = Arrivals::new(2, 2).send(&fates, |_, _| {}).unwrap_err().to_string();
+        assert!(error.contains("by 3 ticks, and said that 2 are the most"), "{error}");
+    }
+}
