@@ -12,7 +12,8 @@ use std::time::Duration;
 use vamaro_swarm::agent::{Agent, AgentSettings, Member, PolicySource, Registry, Sensed, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{
-    AgentSharedPort, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
+    AgentSharedPort, Header, Kind, PROTOCOL, Sample, Sensor, SupervisorPort, SwarmAddress, SwarmDirectory,
+    Wait,
 };
 use vamaro_swarm::environment::{Outcome, Task};
 use vamaro_swarm::link::{LinkSpec, Links};
@@ -141,9 +142,12 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                 let counted = [
                     allocations(|| {
                         for agent in 0..agents {
-                            let (ages, own) =
-                                (tick.arriving(agent, 0), tick.observation(task.spec(), agent, 0));
-                            let write = |words: &mut [u32]| layout.write_sensor(words, ages, own);
+                            let sensor = Sensor {
+                                carried_out: &tick.carried_out[agent..=agent],
+                                ages: tick.arriving(agent, 0),
+                                observations: tick.observation(task.spec(), agent, 0),
+                            };
+                            let write = |words: &mut [u32]| layout.write_sensor(words, &sensor);
                             supervisor.send_sensor(agent, header, write).unwrap();
                         }
                         supervisor.wake_agents().unwrap();

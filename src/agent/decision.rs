@@ -10,6 +10,7 @@ use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::bus::Layout;
 use crate::environment::Spec;
+use crate::failed;
 use crate::nn::{Actor, ActorState, Policy, Scratch};
 
 /// What every agent of a team runs with.
@@ -85,8 +86,8 @@ pub struct Agent {
     estimates: Vec<f32>,
     /// `[worlds, n_actions]`.
     logits: Vec<f32>,
-    /// Episode of world 0 and step of the last decision.
-    moment: (u64, u32),
+    /// Episode of world 0 and step of the last decision, if there was one in this episode.
+    moment: Option<(u64, u32)>,
     /// `[active worlds]`.
     actions: Vec<u32>,
 }
@@ -119,7 +120,7 @@ impl Agent {
             actor,
             estimates: vec![0.0; worlds * spec.joint_dim()],
             logits: vec![0.0; worlds * spec.n_actions()],
-            moment: (0, 0),
+            moment: None,
             actions: Vec::with_capacity(worlds),
             spec,
         })
@@ -168,6 +169,7 @@ impl Agent {
     /// Forgets the last episode: one starts in this many worlds.
     pub fn begin_episode(&mut self, worlds: usize) {
         self.state.start(&self.actor, worlds);
+        self.moment = None;
         self.imputer.begin_episodes(worlds);
     }
 
@@ -180,7 +182,7 @@ impl Agent {
 
     /// Chooses an action in each of the `worlds` worlds of the episode from the joint estimates.
     pub fn act(&mut self, episode: u64, step: u32, worlds: usize) {
-        (self.moment, self.has_predicted) = ((episode, step), false);
+        (self.moment, self.has_predicted) = (Some((episode, step)), false);
         self.actions.clear();
         let estimates = &self.estimates[..worlds * self.spec.joint_dim()];
         let n_actions = self.spec.n_actions();
@@ -204,22 +206,34 @@ impl Agent {
     /// Carries the joint estimates of the last [`Agent::act`] over to the next step, and computes of that what it can.
     pub fn predict(&mut self) {
         self.actor.prepare(self.actions.len(), &mut self.state);
-        let step = Step::of(self.moment, &self.estimates, self.spec.joint_dim(), &self.actions);
+        let moment = self.moment.expect("predict follows act");
+        let step = Step::of(moment, &self.estimates, self.spec.joint_dim(), &self.actions);
         self.imputer.predict(&step);
         self.has_predicted = true;
     }
 
-    /// Takes in which action was carried out in each world at the last decision, should that not be the one it chose.
-    pub fn correct(&mut self, carried_out: &[u32]) {
+    /// Takes in what was `carried_out` in each world at a step of the episode of world 0, should that not be what it
+    /// chose. If its last decision was not of that step, it does not matter to anything any more.
+    ///
+    /// # Errors
+    /// `Failed` if it has no such action.
+    pub fn correct(&mut self, episode: u64, step: u32, carried_out: &[u32]) -> Result<()> {
+        let Some(moment) = self.moment.filter(|moment| *moment == (episode, step)) else { return Ok(()) };
         if self.actions == carried_out {
-            return;
+            return Ok(());
         }
-        self.actions.clear();
-        self.actions.extend_from_slice(carried_out);
+        let space = &self.spec.agents[self.index].actions;
+        if carried_out.len() != self.actions.len()
+            || !carried_out.iter().all(|action| space.contains(std::slice::from_ref(action)))
+        {
+            return Err(failed!("agent-{} is told that it did {carried_out:?}, which it cannot", self.index));
+        }
+        self.actions.copy_from_slice(carried_out);
         if self.has_predicted {
-            let step = Step::of(self.moment, &self.estimates, self.spec.joint_dim(), &self.actions);
+            let step = Step::of(moment, &self.estimates, self.spec.joint_dim(), &self.actions);
             self.imputer.revise(&step);
         }
+        Ok(())
     }
 
     /// The actions chosen last, `[worlds]`.

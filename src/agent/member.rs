@@ -114,6 +114,9 @@ impl<P: AgentPort> Member<P> {
         let Header { episode, step, worlds, .. } = *sample.header();
         let worlds = worlds as usize;
         let sensor = self.layout.sensor(sample.words(), worlds);
+        if step > 0 {
+            self.agent.correct(episode, step - 1, sensor.carried_out)?;
+        }
         self.ages.clear();
         let arriving = sensor.ages.chunks_exact(self.layout.agents);
         for (world, ages) in arriving.enumerate() {
@@ -185,9 +188,10 @@ impl<P: AgentPort> Member<P> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{AgentSettings, PolicySource};
-    use crate::bus::{LocalHub, LocalPort, LocalSample};
+    use crate::agent::{AgentSettings, PolicySource, dims};
+    use crate::bus::{LocalHub, LocalPort, LocalSample, NOT_ARRIVED, Sensor};
     use crate::environment::Task;
+    use crate::nn::{ActorKind, Input, Networks, Policy, PredictorSpec};
 
     /// A member that is told which weights are in force at the beginning of an episode.
     fn told(in_force: u64) -> (LocalHub, Member<LocalPort>, usize) {
@@ -244,5 +248,45 @@ mod tests {
         assert_eq!(member.sense().unwrap(), Sensed::Tick);
         assert_eq!((member.deadline_ns(), member.episode), (Some(7003), Some(1)));
         assert_eq!(member.sense().unwrap(), Sensed::Nothing);
+    }
+
+    /// What an agent that sees its own action estimates at the second step, if it is told there that it did this at the
+    /// first; and what it did as far as it knows.
+    fn second_estimate(told: Option<u32>) -> Result<(Vec<u32>, u32)> {
+        let task = Task::parse("spread-xy-2").unwrap();
+        let inputs = vec![Input::Estimate, Input::OwnAction];
+        let predictors = vec![PredictorSpec { inputs, ..PredictorSpec::paper("acting") }];
+        let networks = Networks { predictors, ..Networks::paper(ActorKind::Mlp) };
+        let policy = Policy::untrained(&dims(task.spec()), 1, networks).unwrap();
+        let settings = AgentSettings { imputer: "acting".to_owned(), ..AgentSettings::of(task.spec()) };
+        let (agent, layout) = (Agent::with_policy(&settings, &policy, 0).unwrap(), settings.layout());
+        let hub = LocalHub::new(2);
+        let mut member = Member::new(agent, hub.port(0), layout, 7, 0);
+        let mut carried_out = 0;
+        for step in 0..2 {
+            let header =
+                Header { step, tick: step.into(), ..message(Kind::Sensor, 0, layout.sensor_words(1)) };
+            let sensor =
+                Sensor { carried_out: &[carried_out], ages: &[NOT_ARRIVED; 2], observations: &[0.5; 8] };
+            hub.send_sensor(0, LocalSample::new(header, |words| layout.write_sensor(words, &sensor)));
+            assert_eq!(member.sense()?, Sensed::Tick);
+            member.decide()?;
+            if step == 0 {
+                member.predict();
+                carried_out = told.unwrap_or(member.agent.actions()[0]);
+            }
+        }
+        Ok((member.agent.estimates().iter().map(|value| value.to_bits()).collect(), carried_out))
+    }
+
+    #[test]
+    fn an_agent_whose_decision_came_too_late_goes_on_from_what_was_carried_out() {
+        let (known, action) = second_estimate(None).unwrap();
+        let told: Vec<Vec<u32>> = (0..5).map(|told| second_estimate(Some(told)).unwrap().0).collect();
+        for (at, estimate) in told.iter().enumerate() {
+            assert_eq!(*estimate == known, at == action as usize, "told {at}, did {action}");
+        }
+        let error = second_estimate(Some(5)).unwrap_err().to_string();
+        assert!(error.contains("agent-0") && error.contains("[5]"), "{error}");
     }
 }

@@ -79,7 +79,7 @@ impl Header {
 ///
 /// | message | parts, each `[worlds, ..]` |
 /// |---|---|
-/// | sensor | ages of what arrives (a byte for each of `agents`), own observation (`observation`) |
+/// | sensor | action carried out at the step before (`action`), ages of what arrives (a byte for each of `agents`), own observation (`observation`) |
 /// | observation | observation (`observation`) |
 /// | decision | action (`action`), ages used (a byte for each of `agents`), joint estimate (`joint`), logits (`logits`) |
 ///
@@ -105,6 +105,9 @@ const TIMES: usize = 4;
 /// An agent's reading of its own sensor, and what its links bring.
 #[derive(Clone, Copy, Debug)]
 pub struct Sensor<'a> {
+    /// What was carried out of the agent at the step before, zeros at the first of an episode, `[worlds, action]`. It is
+    /// what the agent decided then, unless its decision came too late.
+    pub carried_out: &'a [u32],
     /// How old what arrives from each sender is, or [`NOT_ARRIVED`], `[worlds, agents]`.
     pub ages: &'a [u8],
     /// The agent's own observations, `[worlds, observation]`.
@@ -138,7 +141,7 @@ pub struct Decision<'a> {
 impl Layout {
     /// Words of a sensor message.
     pub fn sensor_words(&self, worlds: usize) -> usize {
-        self.age_words(worlds) + worlds * self.observation
+        self.age_words(worlds) + worlds * (self.action + self.observation)
     }
 
     /// Words of an observation message.
@@ -156,17 +159,21 @@ impl Layout {
         (worlds * self.agents).div_ceil(size_of::<u32>())
     }
 
-    /// Writes a sensor message: `ages` are `[worlds, agents]`, `observations` `[worlds, observation]`.
-    pub fn write_sensor(&self, words: &mut [u32], ages: &[u8], observations: &[f32]) {
-        let (age_words, values) = words.split_at_mut(ages.len().div_ceil(size_of::<u32>()));
+    /// Writes a sensor message from its parts, each `[worlds, ..]`.
+    pub fn write_sensor(&self, words: &mut [u32], sensor: &Sensor) {
+        let Sensor { carried_out, ages, observations } = *sensor;
+        let (action_words, rest) = words.split_at_mut(carried_out.len());
+        action_words.copy_from_slice(carried_out);
+        let (age_words, values) = rest.split_at_mut(ages.len().div_ceil(size_of::<u32>()));
         write_ages(age_words, ages);
         values.copy_from_slice(bytemuck::cast_slice(observations));
     }
 
     /// Reads a sensor message of [`Layout::sensor_words`] words.
     pub fn sensor<'a>(&self, words: &'a [u32], worlds: usize) -> Sensor<'a> {
-        let (ages, values) = words.split_at(self.age_words(worlds));
-        Sensor { ages: self.ages(ages, worlds), observations: bytemuck::cast_slice(values) }
+        let (carried_out, rest) = words.split_at(self.action * worlds);
+        let (ages, values) = rest.split_at(self.age_words(worlds));
+        Sensor { carried_out, ages: self.ages(ages, worlds), observations: bytemuck::cast_slice(values) }
     }
 
     /// Writes a decision message from its parts, each `[worlds, ..]`, and its times.
@@ -239,10 +246,12 @@ mod tests {
         let observations = [0.5, -1.0, f32::MIN_POSITIVE, 2.0, 3.0, 4.0];
         // Where an older message was before.
         let mut words = vec![u32::MAX; LAYOUT.sensor_words(2)];
-        LAYOUT.write_sensor(&mut words, &ages, &observations);
+        let carried_out = &[4, 0, 7, 1];
+        LAYOUT.write_sensor(&mut words, &Sensor { carried_out, ages: &ages, observations: &observations });
         let sensor = LAYOUT.sensor(&words, 2);
+        assert_eq!(sensor.carried_out, carried_out);
         assert_eq!((sensor.ages, sensor.observations), (&ages[..], &observations[..]));
-        assert_eq!(words[1] >> 16, 0, "zeros fill the last word of the ages");
+        assert_eq!(words[5] >> 16, 0, "zeros fill the last word of the ages");
     }
 
     #[test]

@@ -258,7 +258,16 @@ mod tests {
             };
             let step = step as u32;
             let (observations, ages) = (&observations, &[0; 4]);
-            let tick = Tick { episode: 0, step, tick: 1, agents: 2, worlds: 1, observations, ages };
+            let tick = Tick {
+                episode: 0,
+                step,
+                tick: 1,
+                agents: 2,
+                worlds: 1,
+                carried_out: &[0; 2],
+                observations,
+                ages,
+            };
             ledger.note(&tick, &decisions, |_| true);
         }
         ledger.close();

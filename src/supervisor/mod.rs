@@ -37,7 +37,7 @@ pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
 
 use crate::base::error::Result;
-use crate::bus::{Decision, DecisionTimes, Header, Layout, NOT_ARRIVED, now_ns};
+use crate::bus::{Decision, DecisionTimes, Header, Layout, NOT_ARRIVED, Sensor, now_ns};
 use crate::environment::Spec;
 use crate::failed;
 use crate::nn::kernels::all_finite;
@@ -56,6 +56,8 @@ pub struct Tick<'a> {
     pub agents: usize,
     /// Worlds that are played.
     pub worlds: usize,
+    /// What was carried out at the step before, zeros at the first of an episode, `[agents, worlds, action]`.
+    pub carried_out: &'a [u32],
     /// Padded observations, `[agents, worlds, observation]`.
     pub observations: &'a [f32],
     /// How old what arrives at each agent from each sender is, or [`NOT_ARRIVED`], `[agents, worlds, agents]`.
@@ -156,7 +158,8 @@ impl Tick<'_> {
         let mine = agent * self.worlds..(agent + 1) * self.worlds;
         let observations = &self.observations[mine.start * layout.observation..mine.end * layout.observation];
         let ages = &self.ages[mine.start * layout.agents..mine.end * layout.agents];
-        layout.write_sensor(words, ages, observations);
+        let carried_out = &self.carried_out[mine.start * layout.action..mine.end * layout.action];
+        layout.write_sensor(words, &Sensor { carried_out, ages, observations });
     }
 }
 

@@ -25,6 +25,8 @@ pub struct Stage {
     step: u32,
     /// Ticks so far. Agents start at tick 0, so the first one is 1.
     tick: u64,
+    /// What was carried out at the step before, `[agents, active, action]`.
+    carried_out: Vec<u32>,
     /// Padded observations, `[agents, active, observation]`.
     observations: Vec<f32>,
     /// How old what arrives is, `[agents, active, agents]`.
@@ -54,6 +56,7 @@ impl Stage {
             next_episode: 0,
             step: 0,
             tick: 0,
+            carried_out: Vec::new(),
             observations: Vec::new(),
             ages: Vec::new(),
             playing: Vec::new(),
@@ -151,6 +154,8 @@ impl Stage {
             self.arrivals[world].begin();
         }
         let rows = self.spec.n_agents() * worlds;
+        self.carried_out.clear();
+        self.carried_out.resize(rows * self.spec.action_width(), 0);
         self.ages.resize(rows * self.spec.n_agents(), 0);
         self.observations.resize(rows * self.spec.padded_obs_dim(), 0.0);
         self.outcome.rewards.resize(rows, 0.0);
@@ -197,6 +202,7 @@ impl Stage {
             tick: self.tick,
             agents: self.spec.n_agents(),
             worlds: self.worlds(),
+            carried_out: &self.carried_out,
             observations: &self.observations,
             ages: &self.ages,
         }
@@ -205,6 +211,7 @@ impl Stage {
     /// Carries out what was decided in the worlds that play.
     pub fn step_worlds(&mut self, decisions: &Decisions) -> Result<()> {
         self.environment.step(&decisions.actions, &self.playing, &mut self.outcome)?;
+        self.carried_out.copy_from_slice(&decisions.actions);
         self.step += 1;
         self.stepped.copy_from_slice(&self.playing);
         let time_is_up = self.step as usize >= self.spec.episode_steps;

@@ -67,7 +67,8 @@ fn replay(
         agent.act(0, step as u32, 1);
         estimates.at(number, step).add_all(agent.estimates(), &episode.joint_estimate[step][index]);
         logits.at(number, step).add_all(&agent.logits()[..available], &episode.logits[step][index]);
-        agent.correct(&episode.actions[step][index].words(1));
+        let done = episode.actions[step][index].words(1);
+        agent.correct(0, step as u32, &done).expect("actions were checked with the worlds");
         agent.predict();
     }
 }
