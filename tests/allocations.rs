@@ -218,6 +218,10 @@ impl Team for Counted<'_> {
         Ok(())
     }
 
+    fn longest_delay(&self) -> u8 {
+        self.team.longest_delay()
+    }
+
     fn renew(&mut self, weights: &[f32]) -> Result<()> {
         self.team.renew(weights)
     }
