@@ -62,7 +62,8 @@ const NEVER: Duration = Duration::from_secs(10_000);
 
 #[test]
 fn a_death_in_the_middle_of_an_episode_is_noticed_without_signal_handlers() {
-    let deadlines = Deadlines { answer: NEVER, peers: NEVER, ..Deadlines::default() };
+    // Its peers are told to leave while they wait for it, and do so by themselves.
+    let deadlines = Deadlines { answer: NEVER, peers: NEVER, leave: NEVER, ..Deadlines::default() };
     for rate in [None, Some(50.0), Some(0.01)] {
         let (mut swarm, mut session) = start(Conduct { rate, deadlines, ..conduct() });
         let (agents, tag) = swarm_of(&swarm);
@@ -98,7 +99,7 @@ fn swarms_of_one_program_do_not_take_each_others_dead() {
 #[test]
 fn one_that_hangs_is_found_by_the_deadline_there_is() {
     let answer = Duration::from_millis(200);
-    let deadlines = Deadlines { answer, ..Deadlines::default() };
+    let deadlines = Deadlines { answer, leave: answer, ..Deadlines::default() };
     let (mut swarm, mut session) = start(Conduct { deadlines, ..conduct() });
     let (processes, tag) = swarm_of(&swarm);
     kill_process(processes[1], Signal::STOP).unwrap();

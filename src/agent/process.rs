@@ -57,27 +57,35 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     while next_tick(&mut member, *wait)? {
         member.publish()?;
         match member.deadline_ns() {
-            None => in_lockstep(&mut member, *wait, *peers)?,
+            None if !in_lockstep(&mut member, *wait, *peers)? => return Ok(()),
             Some(_) if !in_real_time(&mut member, *wait)? => return Ok(()),
-            Some(_) => {}
+            _ => member.predict(),
         }
-        member.predict();
     }
     Ok(())
 }
 
-/// Decides when all observations are in. The supervisor waits for either.
-fn in_lockstep(member: &mut SharedMember, wait: Wait, peers: Duration) -> Result<()> {
+/// Decides when all observations are in. The supervisor waits for either. False if the agent shall leave, which it may be
+/// told while it waits for one that has died.
+fn in_lockstep(member: &mut SharedMember, wait: Wait, peers: Duration) -> Result<bool> {
     wake(member, wait)?;
     let deadline = Instant::now() + peers;
-    wait_until(member, wait, deadline, sleep, Member::collect)?;
+    let mut leaves = false;
+    wait_until(member, wait, deadline, sleep, |member| {
+        let complete = member.collect()?;
+        leaves = !complete && member.sense()? == Sensed::Shutdown;
+        Ok(complete || leaves)
+    })?;
+    if leaves {
+        return Ok(false);
+    }
     member.decide()?;
     wake(member, wait)?;
     if wait == Wait::Block {
         // Whom this has woken, and who has yet to decide on the same core, come first: predicting can wait.
         std::thread::yield_now();
     }
-    Ok(())
+    Ok(true)
 }
 
 /// Decides at the deadline, with the observations that are in; the supervisor looks at its own time. False if the agent
