@@ -49,7 +49,8 @@
 //!
 //! # Rooms
 //!
-//! The rooms follow the way of one observation; each depends only on those above it.
+//! The rooms follow the way of one observation; each depends only on those above it. Those without a page are the insides
+//! of commands.
 //!
 //! | room | what is in it |
 //! |---|---|
@@ -61,12 +62,12 @@
 //! | [`agent`] | the agent's side: inbox, imputer, policy, process |
 //! | [`recording`] | recorded episodes |
 //! | [`supervisor`] | launches agents, plays episodes in lockstep or by the clock, watches and reaps |
-//! | [`metrics`] | what a training run writes down as it goes |
-//! | [`plot`] | charts as SVG |
+//! | `metrics` | what a training run writes down as it goes |
+//! | `plot` | charts as SVG |
 //! | [`train`] | how a team learns: actors, critics, predictors, one update |
-//! | [`evaluate`] | how robust frozen policies are: sweeps, statistics, a report |
-//! | [`latency`] | how long hops, ticks and decisions take, beside what others do |
-//! | [`verify`] | recomputes recorded episodes and updates |
+//! | `evaluate` | how robust frozen policies are: sweeps, statistics, a report |
+//! | `latency` | how long hops, ticks and decisions take, beside what others do |
+//! | `verify` | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
 
 #![warn(clippy::unwrap_used)]
@@ -79,16 +80,16 @@ pub mod base;
 pub mod bus;
 pub mod cli;
 pub mod environment;
-pub mod evaluate;
-pub mod latency;
+pub(crate) mod evaluate;
+pub(crate) mod latency;
 pub mod link;
-pub mod metrics;
+pub(crate) mod metrics;
 pub mod nn;
-pub mod plot;
+pub(crate) mod plot;
 pub mod recording;
 pub mod supervisor;
 pub mod train;
-pub mod verify;
+pub(crate) mod verify;
 
 pub use embed::run_if_agent;
-pub use swarm::{LinkChoice, Place, Swarm, SwarmBuilder};
+pub use swarm::{EnvironmentChoice, LinkChoice, Swarm, SwarmBuilder};

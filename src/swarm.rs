@@ -32,7 +32,7 @@ enum Agents {
 /// What a [`Swarm`] is built from. Whatever is not said is as `vamaro-swarm spawn` has it.
 #[derive(Debug)]
 pub struct SwarmBuilder {
-    place: Place,
+    environment: EnvironmentChoice,
     links: LinkChoice,
     policy: PolicySource,
     imputer: Option<String>,
@@ -46,7 +46,7 @@ pub struct SwarmBuilder {
 
 /// What is played: the name of a task, a [`Task`], or an [`Environment`] of one's own.
 #[derive(Debug)]
-pub struct Place(Played);
+pub struct EnvironmentChoice(Played);
 
 enum Played {
     Name(String),
@@ -68,7 +68,7 @@ impl Swarm {
     /// Begins to build a swarm.
     pub fn builder() -> SwarmBuilder {
         SwarmBuilder {
-            place: "hear-see".into(),
+            environment: "hear-see".into(),
             links: "level(1)".into(),
             policy: PolicySource::Builtin,
             imputer: None,
@@ -134,8 +134,8 @@ fn words_of(panic: &(dyn std::any::Any + Send)) -> String {
 
 impl SwarmBuilder {
     /// What is played.
-    pub fn environment(self, place: impl Into<Place>) -> SwarmBuilder {
-        SwarmBuilder { place: place.into(), ..self }
+    pub fn environment(self, environment: impl Into<EnvironmentChoice>) -> SwarmBuilder {
+        SwarmBuilder { environment: environment.into(), ..self }
     }
 
     /// The links between the agents.
@@ -220,7 +220,7 @@ impl SwarmBuilder {
                 "a swarm plays in 1 or more worlds, and with more than 0 ticks a second"
             ));
         }
-        let environment = match self.place.0 {
+        let environment = match self.environment.0 {
             Played::Name(name) => Task::parse(&name)?.environment(self.worlds),
             Played::Task(task) => task.environment(self.worlds),
             Played::Environment(environment) => environment,
@@ -274,27 +274,27 @@ impl<L: Link + 'static> From<L> for LinkChoice {
     }
 }
 
-impl From<&str> for Place {
-    fn from(name: &str) -> Place {
-        Place(Played::Name(name.to_owned()))
+impl From<&str> for EnvironmentChoice {
+    fn from(name: &str) -> EnvironmentChoice {
+        EnvironmentChoice(Played::Name(name.to_owned()))
     }
 }
 
-impl From<Task> for Place {
-    fn from(task: Task) -> Place {
-        Place(Played::Task(task))
+impl From<Task> for EnvironmentChoice {
+    fn from(task: Task) -> EnvironmentChoice {
+        EnvironmentChoice(Played::Task(task))
     }
 }
 
-impl<E: Environment + 'static> From<E> for Place {
-    fn from(environment: E) -> Place {
-        Place(Played::Environment(Box::new(environment)))
+impl<E: Environment + 'static> From<E> for EnvironmentChoice {
+    fn from(environment: E) -> EnvironmentChoice {
+        EnvironmentChoice(Played::Environment(Box::new(environment)))
     }
 }
 
-impl From<Box<dyn Environment>> for Place {
-    fn from(environment: Box<dyn Environment>) -> Place {
-        Place(Played::Environment(environment))
+impl From<Box<dyn Environment>> for EnvironmentChoice {
+    fn from(environment: Box<dyn Environment>) -> EnvironmentChoice {
+        EnvironmentChoice(Played::Environment(environment))
     }
 }
 

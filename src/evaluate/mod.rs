@@ -23,11 +23,13 @@ mod sweep;
 mod tests;
 mod weighted;
 
-pub use claims::{Claim, Claims, Scope};
-pub use evaluation::{
-    AgeErrors, Calibration, Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings, UnitErrors,
-};
+#[cfg(test)]
+use claims::Claim;
+pub use claims::Claims;
+pub use evaluation::{AgeErrors, Calibration, Condition, Evaluation, Settings, UnitErrors};
+#[cfg(test)]
+use evaluation::{Cell, Contender, Outcome, RandomTeam};
 pub use record::Record;
-pub use require::{Metric, Requirement, Verdict};
+pub use require::{Requirement, Verdict};
 pub use summary::{Aggregate, CellSummary, Comparison, Group, ImputerSummary, Interval, Summary};
 pub use sweep::{Entrant, Place, Sweep};

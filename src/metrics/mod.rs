@@ -6,4 +6,6 @@ mod log;
 mod table;
 
 pub use log::MetricsLog;
-pub use table::{Column, FILE, Metrics};
+#[cfg(test)]
+pub(crate) use table::Column;
+pub use table::{FILE, Metrics};
