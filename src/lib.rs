@@ -49,7 +49,8 @@
 //!
 //! # Rooms
 //!
-//! The rooms follow the way of one observation; each depends only on those above it.
+//! The rooms follow the way of one observation; each depends only on those above it. Those without a page are the insides
+//! of commands.
 //!
 //! | room | what is in it |
 //! |---|---|
@@ -61,12 +62,12 @@
 //! | [`agent`] | the agent's side: inbox, imputer, policy, process |
 //! | [`recording`] | recorded episodes |
 //! | [`supervisor`] | launches agents, plays episodes in lockstep or by the clock, watches and reaps |
-//! | [`metrics`] | what a training run writes down as it goes |
-//! | [`plot`] | charts as SVG |
+//! | `metrics` | what a training run writes down as it goes |
+//! | `plot` | charts as SVG |
 //! | [`train`] | how a team learns: actors, critics, predictors, one update |
-//! | [`evaluate`] | how robust frozen policies are: sweeps, statistics, a report |
-//! | [`latency`] | how long hops, ticks and decisions take, beside what others do |
-//! | [`verify`] | recomputes recorded episodes and updates |
+//! | `evaluate` | how robust frozen policies are: sweeps, statistics, a report |
+//! | `latency` | how long hops, ticks and decisions take, beside what others do |
+//! | `verify` | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
 
 #![warn(clippy::unwrap_used)]

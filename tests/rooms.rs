@@ -7,10 +7,11 @@ fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The rooms that a table lists, in its order: rows that begin with so many words in backquotes.
+/// The rooms that a table lists, in its order: rows that begin with so many words in backquotes, which may be links.
 fn rooms(file: &str, begins: &str) -> Vec<String> {
     let text = std::fs::read_to_string(root().join(file)).unwrap();
     let rows = text.lines().filter_map(|line| line.strip_prefix(begins));
+    let rows = rows.filter(|row| row.starts_with(['[', '`']));
     let first = rows.map(|row| row.split('|').next().unwrap());
     let name = |word: &str| word.trim_matches(|c: char| !c.is_ascii_alphanumeric()).to_owned();
     first.flat_map(|cell| cell.split_whitespace().map(name).collect::<Vec<_>>()).collect()
@@ -44,7 +45,7 @@ fn named(code: &str) -> Vec<String> {
 
 #[test]
 fn rooms_depend_only_on_those_above_them() {
-    let order = rooms("src/lib.rs", "//! | [`");
+    let order = rooms("src/lib.rs", "//! | ");
     assert!(order.len() > 10, "{order:?}");
     let (mut found, src) = (BTreeMap::new(), root().join("src"));
     sources(&src, &mut found);
@@ -65,5 +66,5 @@ fn rooms_depend_only_on_those_above_them() {
 
 #[test]
 fn the_architecture_has_the_same_table() {
-    assert_eq!(rooms("docs/architecture.md", "| `"), rooms("src/lib.rs", "//! | [`"));
+    assert_eq!(rooms("docs/architecture.md", "| "), rooms("src/lib.rs", "//! | "));
 }
