@@ -70,7 +70,7 @@
 //! | `verify` | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
 
-#![warn(clippy::unwrap_used)]
+#![warn(clippy::match_bool, clippy::unwrap_used)]
 
 mod embed;
 mod swarm;

@@ -120,9 +120,12 @@ impl Grants {
                 (n, format!("SCHED_FIFO {priority} in {n} of {processes} processes"), way_out)
             }),
         ];
-        asked.into_iter().flatten().map(move |(granted, words, needed)| match granted < processes {
-            true => (format!("{words} (not permitted: it takes {needed})"), true),
-            false => (words, false),
+        asked.into_iter().flatten().map(move |(granted, words, needed)| {
+            if granted < processes {
+                (format!("{words} (not permitted: it takes {needed})"), true)
+            } else {
+                (words, false)
+            }
         })
     }
 }

@@ -107,9 +107,10 @@ impl Campaign {
         // In whatever order they ended.
         self.failed.sort_unstable();
         let failed: Vec<String> = self.failed.iter().map(u64::to_string).collect();
-        match failed.is_empty() {
-            true => Ok(()),
-            false => Err(failed!("these seeds have failed, as said above: {}", failed.join(", "))),
+        if failed.is_empty() {
+            Ok(())
+        } else {
+            Err(failed!("these seeds have failed, as said above: {}", failed.join(", ")))
         }
     }
 

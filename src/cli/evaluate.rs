@@ -195,9 +195,10 @@ impl Evaluate {
             conditions: self.conditions()?,
             entrants,
             worlds: self.worlds as usize,
-            place: match self.in_process {
-                true => Place::InProcess(threads(self.threads)),
-                false => Place::Processes(self.wait),
+            place: if self.in_process {
+                Place::InProcess(threads(self.threads))
+            } else {
+                Place::Processes(self.wait)
             },
         })
     }
@@ -209,9 +210,12 @@ impl Evaluate {
         for (option, text, is_level) in levels.chain(modes) {
             let condition =
                 text.trim().parse().ok().filter(|found: &Condition| found.level().is_some() == is_level);
-            let condition = condition.ok_or_else(|| match is_level {
-                true => usage!("{option}: {text:?} is no probability between 0 and 1"),
-                false => usage!("{option}: {text:?} is none of uniform, asymmetric and dynamic"),
+            let condition = condition.ok_or_else(|| {
+                if is_level {
+                    usage!("{option}: {text:?} is no probability between 0 and 1")
+                } else {
+                    usage!("{option}: {text:?} is none of uniform, asymmetric and dynamic")
+                }
             })?;
             if conditions.contains(&condition) {
                 return Err(usage!("{option}: {condition} is there twice"));
@@ -261,9 +265,10 @@ impl Evaluate {
     fn baselines(&self, sweep: &Sweep) -> Result<Vec<&str>> {
         let Some(name) = self.baseline.as_deref() else { return Ok(vec!["maro", "hold"]) };
         let played = |entrant: &Entrant| entrant.plays(name);
-        match sweep.entrants.iter().any(played) {
-            true => Ok(vec![name]),
-            false => Err(usage!("--baseline {name}: no policy is played with this imputer; see --imputers")),
+        if sweep.entrants.iter().any(played) {
+            Ok(vec![name])
+        } else {
+            Err(usage!("--baseline {name}: no policy is played with this imputer; see --imputers"))
         }
     }
 
@@ -340,9 +345,10 @@ fn provenance() -> Provenance {
 /// A word as a shell takes it for one.
 fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,=:+@%".contains(c);
-    match !word.is_empty() && word.chars().all(plain) {
-        true => word.to_owned(),
-        false => format!("'{}'", word.replace('\'', "'\\''")),
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
     }
 }
 

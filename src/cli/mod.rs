@@ -202,15 +202,14 @@ fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
         // Agents are told the path, whatever folder they run in.
         return file.canonicalize().map(PolicySource::File).map_err(|e| Error::io("open", &file, e));
     }
-    Err(match path.join("agent.th").exists() {
-        true => usage!("{name} holds a policy of the paper's code; run `vamaro-swarm import {name}` first"),
-        false => {
-            usage!(
-                "there is no policy {}; give a file, a folder, `builtin`, `untrained`, or one of agents/pretrained by \
-                 its name, such as hear-see/seed-1, in a checkout",
-                file.display()
-            )
-        }
+    Err(if path.join("agent.th").exists() {
+        usage!("{name} holds a policy of the paper's code; run `vamaro-swarm import {name}` first")
+    } else {
+        usage!(
+            "there is no policy {}; give a file, a folder, `builtin`, `untrained`, or one of agents/pretrained by \
+             its name, such as hear-see/seed-1, in a checkout",
+            file.display()
+        )
     })
 }
 

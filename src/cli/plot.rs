@@ -82,9 +82,10 @@ impl Run {
             ));
         }
         let settings = path.join("config.toml");
-        let config = match settings.exists() {
-            true => Some(Config::resolve(Preset::Paper, &[Layer::read(&settings)?])?),
-            false => None,
+        let config = if settings.exists() {
+            Some(Config::resolve(Preset::Paper, &[Layer::read(&settings)?])?)
+        } else {
+            None
         };
         Ok(Run { config, metrics: Metrics::read(&file)?, file })
     }

@@ -257,15 +257,16 @@ impl Spawn {
         let others =
             ["spread-blindfold", "spread-xy"].map(|family| of_that_size(&format!("{family}-{agents}")));
         let others: Vec<String> = others.iter().flatten().map(|task| task.id().to_owned()).collect();
-        Err(match others.is_empty() {
-            true => usage!("a team has 1 to {MAX_AGENTS} agents, not {agents}"),
-            false => usage!(
+        Err(if others.is_empty() {
+            usage!("a team has 1 to {MAX_AGENTS} agents, not {agents}")
+        } else {
+            usage!(
                 "{} is for {} agents, not {agents}; leave one of --task and --agents away, or take a task of that \
-                 size: {}",
+             size: {}",
                 task.id(),
                 task.spec().n_agents(),
                 others.join(", ")
-            ),
+            )
         })
     }
 

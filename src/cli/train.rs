@@ -150,9 +150,10 @@ impl Train {
             return self.print_plan(&config, &out);
         }
         let folder = RunFolder::open(&out)?;
-        let mut run = match self.resume {
-            true => Run::resume(folder, config, self.pace())?,
-            false => Run::create(folder, config, self.pace())?,
+        let mut run = if self.resume {
+            Run::resume(folder, config, self.pace())?
+        } else {
+            Run::create(folder, config, self.pace())?
         };
         let (began, from) = (Instant::now(), run.timestep());
         let mut reporter = Reporter::new(&run);
@@ -269,9 +270,10 @@ impl Train {
     }
 
     fn print_plan(&self, config: &Config, out: &Path) -> Result<()> {
-        let from = match self.resume {
-            true => Checkpoint::open(&RunFolder::checkpoint_in(out))?.progress.timestep(),
-            false => 0,
+        let from = if self.resume {
+            Checkpoint::open(&RunFolder::checkpoint_in(out))?.progress.timestep()
+        } else {
+            0
         };
         let threads = threads(self.threads);
         let plan = estimate(config, threads, from)?;

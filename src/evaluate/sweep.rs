@@ -129,9 +129,10 @@ impl Sweep {
         let conditions = |entrant| self.conditions.iter().map(move |condition| (entrant, *condition));
         let cells = self.entrants.iter().flat_map(conditions);
         let jobs = cells.flat_map(|(entrant, condition): (&Entrant, _)| {
-            let imputers: Vec<_> = match condition.is_lossless() {
-                true => vec![None],
-                false => entrant.imputers.iter().map(|name| Some(&name[..])).collect(),
+            let imputers: Vec<_> = if condition.is_lossless() {
+                vec![None]
+            } else {
+                entrant.imputers.iter().map(|name| Some(&name[..])).collect()
             };
             imputers.into_iter().map(move |imputer| Job { entrant, condition, imputer })
         });

@@ -127,9 +127,10 @@ impl Hop {
             peer.check_alive()?;
             signals::check_stop()
         })?;
-        match received.number == number {
-            true => Ok(received),
-            false => Err(failed!("{}: got message {} for {number}", self.medium, received.number)),
+        if received.number == number {
+            Ok(received)
+        } else {
+            Err(failed!("{}: got message {} for {number}", self.medium, received.number))
         }
     }
 }

@@ -20,15 +20,9 @@ use std::path::{Path, PathBuf};
 /// policy for `dims`: missing, unexpected, of another shape, not f32 or not finite.
 pub fn import(agents: &Path, predictors: &[(String, PathBuf)], dims: &Dims, meta: Meta) -> Result<Policy> {
     let actors = StateDict::read(agents)?;
-    let sharing = match actors.has("agents.0.fc1.bias") {
-        true => Sharing::Separate,
-        false => Sharing::Shared,
-    };
+    let sharing = if actors.has("agents.0.fc1.bias") { Sharing::Separate } else { Sharing::Shared };
     let first = if sharing == Sharing::Separate { "agents.0." } else { "" };
-    let actor = match actors.has(&format!("{first}rnn.weight_ih")) {
-        true => ActorKind::Gru,
-        false => ActorKind::Mlp,
-    };
+    let actor = if actors.has(&format!("{first}rnn.weight_ih")) { ActorKind::Gru } else { ActorKind::Mlp };
     let hidden = actors.length(&format!("{first}fc1.bias"))?;
 
     let mut dicts = vec![("actors.".to_string(), actors)];

@@ -55,9 +55,10 @@ impl Predictor {
         let h = rows * self.spec.hidden;
         let [first, gates] = scratch.split([h, 4 * h]);
         assert_eq!(estimates.len(), rows * self.joint, "predictor: estimates are not [rows, joint]");
-        match self.spec.sees_own_action() {
-            true => self.fc1.forward_with_ones(rows, estimates, acts, first),
-            false => self.fc1.forward(rows, estimates, first),
+        if self.spec.sees_own_action() {
+            self.fc1.forward_with_ones(rows, estimates, acts, first)
+        } else {
+            self.fc1.forward(rows, estimates, first)
         }
         kernels::relu(first);
         self.lstm.lstm(rows, first, &mut state.hidden, &mut state.cell, gates);

@@ -47,9 +47,8 @@ impl Axis {
         let values = (0..=(last - first) as usize).map(|i| (first + i as f64) * step);
         let (unit, letter) = unit(f64::max(first.abs(), last.abs()) * step);
         let decimals = (-(step / unit).log10() - SLACK).ceil().clamp(0.0, 12.0) as usize;
-        let label = |value: f64| match value == 0.0 {
-            true => "0".to_owned(),
-            false => format!("{:.decimals$}{letter}", value / unit),
+        let label = |value: f64| {
+            if value == 0.0 { "0".to_owned() } else { format!("{:.decimals$}{letter}", value / unit) }
         };
         let ticks = values.map(|value| (value, label(value))).collect();
         Axis { scale: Scale::Linear, low, high, ticks }

@@ -75,10 +75,7 @@ impl Batch {
 
     /// What actors saw, and how many parts a row of it has: one per agent, or one for all.
     pub(super) fn seen(&self, n_agents: usize) -> (&[f32], usize) {
-        match self.estimates.is_empty() {
-            true => (&self.joint, 1),
-            false => (&self.estimates, n_agents),
-        }
+        if self.estimates.is_empty() { (&self.joint, 1) } else { (&self.estimates, n_agents) }
     }
 
     /// Checks that all lengths belong together.

@@ -125,9 +125,10 @@ impl State {
             let values = need(name)?;
             let there_is =
                 |(at, value): (usize, &f32)| (0.0..available[at % available.len()] as f32).contains(value);
-            match values.iter().enumerate().all(there_is) {
-                true => Ok(values.iter().map(|&value| value as u8).collect::<Vec<_>>()),
-                false => Err(checkpoint.damaged(&format!("{name} has an action that there is not"))),
+            if values.iter().enumerate().all(there_is) {
+                Ok(values.iter().map(|&value| value as u8).collect::<Vec<_>>())
+            } else {
+                Err(checkpoint.damaged(&format!("{name} has an action that there is not")))
             }
         };
         let seen = if config.sees_own_actions() { actions_in("replay.actions")? } else { Vec::new() };
@@ -158,9 +159,10 @@ impl State {
                 .ok_or_else(|| checkpoint.damaged("batch.actions has another length"))?;
         }
         self.progress = checkpoint.progress.clone();
-        match self.is_consistent(config) {
-            true => Ok(()),
-            false => Err(checkpoint.damaged("its episodes, updates, rows and replay contradict each other")),
+        if self.is_consistent(config) {
+            Ok(())
+        } else {
+            Err(checkpoint.damaged("its episodes, updates, rows and replay contradict each other"))
         }
     }
 

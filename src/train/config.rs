@@ -252,10 +252,7 @@ impl Config {
 
     /// What is tested: every predictor, or, where none learns, holding what was received last.
     pub fn tested_imputers(&self) -> Vec<String> {
-        match self.predictors.is_empty() {
-            true => vec!["hold".to_owned()],
-            false => self.predictors.clone(),
-        }
+        if self.predictors.is_empty() { vec!["hold".to_owned()] } else { self.predictors.clone() }
     }
 
     /// Whether predictors see what their agent does.

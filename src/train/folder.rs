@@ -137,9 +137,10 @@ impl RunFolder {
 
     /// An error if there is no run in the folder at `path` to go on with.
     pub fn check_run(path: &Path) -> Result<()> {
-        match RunFolder::has_run(path) {
-            true => Ok(()),
-            false => Err(usage!("there is no run to resume in {}: it has no {CHECKPOINT}", path.display())),
+        if RunFolder::has_run(path) {
+            Ok(())
+        } else {
+            Err(usage!("there is no run to resume in {}: it has no {CHECKPOINT}", path.display()))
         }
     }
 }

@@ -12,9 +12,10 @@ pub(super) const VALUE: usize = size_of::<f32>();
 
 /// Bytes of what replay holds at most.
 pub(super) fn remembered(config: &Config, spec: &Spec) -> u64 {
-    let episodes = match config.replays() {
-        true => (config.steps / spec.episode_steps as u64).min(config.replay_episodes as u64),
-        false => 0,
+    let episodes = if config.replays() {
+        (config.steps / spec.episode_steps as u64).min(config.replay_episodes as u64)
+    } else {
+        0
     };
     episodes * (spec.episode_steps * spec.joint_dim() * VALUE) as u64
 }

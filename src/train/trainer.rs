@@ -122,9 +122,10 @@ impl Trainer {
         let losses = team.update(batch, &replays);
         progress.averages.push_update(&self.config, losses).map_err(Diverged)?;
         team.policy_values(&mut self.weights);
-        match all_finite(&self.weights) {
-            true => Ok(Some(&self.weights)),
-            false => Err(Diverged("a weight is no longer a finite number".to_owned())),
+        if all_finite(&self.weights) {
+            Ok(Some(&self.weights))
+        } else {
+            Err(Diverged("a weight is no longer a finite number".to_owned()))
         }
     }
 }

@@ -196,9 +196,10 @@ impl Measured {
         format!(
             "microseconds; reading the clock takes {:.0} ns, once in each; {}\n\nhops\n{hops}\nticks\n{ticks}",
             self.clock_ns,
-            match self.hops.iter().all(|hop| hop.pinned) {
-                true => "hops with a core for each process",
-                false => "hops without a core for each process",
+            if self.hops.iter().all(|hop| hop.pinned) {
+                "hops with a core for each process"
+            } else {
+                "hops without a core for each process"
             },
         )
     }

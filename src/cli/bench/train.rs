@@ -212,9 +212,10 @@ impl BenchTrain {
     fn measure(&self, config: &Config, threads: usize) -> Result<Throughput> {
         let mut trainer = Trainer::new(config.clone(), threads)?;
         let (agents, policy) = (trainer.agents(), trainer.policy()?);
-        match self.in_process {
-            true => self.measure_with(&mut trainer, &mut InProcess::new(&agents, &policy)?),
-            false => self.measure_with(&mut trainer, &mut Processes::start(&agents, &policy, Wait::Block)?),
+        if self.in_process {
+            self.measure_with(&mut trainer, &mut InProcess::new(&agents, &policy)?)
+        } else {
+            self.measure_with(&mut trainer, &mut Processes::start(&agents, &policy, Wait::Block)?)
         }
     }
 

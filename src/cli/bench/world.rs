@@ -45,9 +45,10 @@ impl BenchWorld {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         signals::install()?;
-        let tasks = match self.tasks.is_empty() {
-            true => Task::all(),
-            false => self.tasks.iter().map(|name| Task::parse(name)).collect::<Result<_>>()?,
+        let tasks = if self.tasks.is_empty() {
+            Task::all()
+        } else {
+            self.tasks.iter().map(|name| Task::parse(name)).collect::<Result<_>>()?
         };
         let mut rates = vec![Vec::new(); tasks.len()];
         for round in 1..=self.rounds {

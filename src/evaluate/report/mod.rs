@@ -75,10 +75,7 @@ pub fn write(
     write("errors.csv", csv::errors(summary))?;
     write("table.md", markdown::tables(summary))?;
     for (name, figure) in figures {
-        match figure.panels.is_empty() {
-            false => write(name, figure.to_svg())?,
-            true => remove(&folder.join(name))?,
-        }
+        if !figure.panels.is_empty() { write(name, figure.to_svg())? } else { remove(&folder.join(name))? }
     }
     Ok(written)
 }
