@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::train::Train;
 use super::{print, tell};
 use crate::base::error::Result;
 use crate::failed;
@@ -76,10 +75,15 @@ struct Job {
 const STOP_DEADLINE: Duration = Duration::from_secs(60);
 
 impl Campaign {
-    /// A campaign of the same command for every seed.
-    pub fn new(train: &Train, seeds: Seeds, jobs: usize) -> Result<Campaign> {
+    /// A campaign of a run for every seed, `jobs` at the same time; `arguments` says with which words a seed's begins,
+    /// if so many go on at once.
+    pub fn new(
+        seeds: Seeds,
+        jobs: usize,
+        arguments: impl Fn(u64, usize) -> Result<Vec<OsString>>,
+    ) -> Result<Campaign> {
         let jobs = jobs.min(seeds.0.len());
-        let waiting = seeds.0.iter().map(|&seed| Ok((seed, train.arguments_for(seed, jobs)?)));
+        let waiting = seeds.0.iter().map(|&seed| Ok((seed, arguments(seed, jobs)?)));
         Ok(Campaign {
             waiting: waiting.collect::<Result<_>>()?,
             running: Vec::new(),

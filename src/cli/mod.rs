@@ -26,7 +26,8 @@ use clap_complete::Shell;
 use crate::agent::{PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::table::table;
-use crate::latency::peer::{self, PeerSettings};
+use crate::latency::peer::PeerSettings;
+use crate::latency::serve;
 use crate::usage;
 
 /// Swarms of agents as processes that share observations through memory, over links that fail
@@ -121,7 +122,7 @@ impl Cli {
             Command::Peer { settings } => {
                 let settings: PeerSettings = serde_json::from_str(&settings)
                     .map_err(|e| usage!("`peer` is for `bench latency`, not for the command line: {e}"))?;
-                peer::run(&settings)
+                serve(&settings)
             }
         }
     }

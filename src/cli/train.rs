@@ -128,7 +128,10 @@ impl Train {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         match self.seeds.clone() {
-            Some(seeds) => Campaign::new(&self, seeds, self.jobs as usize)?.run(),
+            Some(seeds) => {
+                let arguments = |seed, jobs| self.arguments_for(seed, jobs);
+                Campaign::new(seeds, self.jobs as usize, arguments)?.run()
+            }
             None => self.run_one(),
         }
     }
@@ -216,7 +219,7 @@ impl Train {
     }
 
     /// The command line of the run of one seed of a campaign, of which `jobs` go on at the same time.
-    pub(super) fn arguments_for(&self, seed: u64, jobs: usize) -> Result<Vec<OsString>> {
+    fn arguments_for(&self, seed: u64, jobs: usize) -> Result<Vec<OsString>> {
         // A run that has begun knows its task.
         let out = match &self.out {
             Some(out) => out_of_seed(out, seed),

@@ -1,9 +1,9 @@
 //! Scores over tasks.
 
 use super::bootstrap::{Bootstrap, Stratum};
-use super::estimate::Study;
 use super::evaluation::Condition;
 use super::grouping::distinct;
+use super::study::Study;
 use super::summary::Aggregate;
 use super::weighted::{Ordered, weighted_mean};
 use crate::base::error::Result;

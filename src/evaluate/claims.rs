@@ -1,11 +1,9 @@
 //! What the paper claims of its imputer, of our policies.
 
-use serde::Serialize;
-
-use super::estimate::relative;
 use super::evaluation::Condition;
 use super::grouping::distinct;
-use super::summary::{CellSummary, Group, Summary};
+use super::summary::{CellSummary, Claim, Claims, Group, Summary};
+use super::weighted::relative;
 use crate::base::stats::mean;
 
 /// What claims are about: one imputer against another, averaged over tasks and levels.
@@ -31,37 +29,6 @@ impl Default for Scope {
             baseline: "maro".to_owned(),
         }
     }
-}
-
-/// How much better the imputer is than its baseline, averaged over the cells of a scope.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Claims {
-    /// Label of the groups.
-    pub label: String,
-    /// The imputer.
-    pub imputer: String,
-    /// The one it is compared with.
-    pub baseline: String,
-    /// Mean of [`Claim::improvement`].
-    pub improvement: f64,
-    /// Mean of [`Claim::std_reduction`]; `None` if a cell has none.
-    pub std_reduction: Option<f64>,
-    /// Task by task, level by level.
-    pub cells: Vec<Claim>,
-}
-
-/// The same in one cell.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Claim {
-    /// Id of the task.
-    pub task: String,
-    /// The level.
-    pub p: f64,
-    /// By how much the mean return is higher, as a share of the baseline's without its sign.
-    pub improvement: f64,
-    /// By how much the standard deviation over seeds is smaller, as a share of the baseline's; `None` for one
-    /// seed, or if that is zero.
-    pub std_reduction: Option<f64>,
 }
 
 impl Claims {

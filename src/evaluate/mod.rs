@@ -17,19 +17,19 @@ mod record;
 pub mod report;
 mod require;
 mod sample;
+mod study;
 mod summary;
 mod sweep;
 #[cfg(test)]
 mod tests;
 mod weighted;
 
-#[cfg(test)]
-use claims::Claim;
-pub use claims::Claims;
 pub use evaluation::{AgeErrors, Calibration, Condition, Evaluation, Settings, UnitErrors};
 #[cfg(test)]
 use evaluation::{Cell, Contender, Outcome, RandomTeam};
 pub use record::Record;
 pub use require::{Requirement, Verdict};
-pub use summary::{Aggregate, CellSummary, Comparison, Group, ImputerSummary, Interval, Summary};
+#[cfg(test)]
+use summary::Claim;
+pub use summary::{Aggregate, CellSummary, Claims, Comparison, Group, ImputerSummary, Interval, Summary};
 pub use sweep::{Entrant, Place, Sweep};

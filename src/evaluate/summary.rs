@@ -2,7 +2,6 @@
 
 use serde::Serialize;
 
-use super::claims::Claims;
 use super::evaluation::{Condition, Contender, Settings, UnitErrors};
 
 /// The statistics of an [`Evaluation`](super::Evaluation). `docs/metrics.md` defines each.
@@ -117,4 +116,35 @@ pub struct Interval {
     pub low: f64,
     /// High end.
     pub high: f64,
+}
+
+/// How much better the imputer is than its baseline, averaged over the cells of a scope.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Claims {
+    /// Label of the groups.
+    pub label: String,
+    /// The imputer.
+    pub imputer: String,
+    /// The one it is compared with.
+    pub baseline: String,
+    /// Mean of [`Claim::improvement`].
+    pub improvement: f64,
+    /// Mean of [`Claim::std_reduction`]; `None` if a cell has none.
+    pub std_reduction: Option<f64>,
+    /// Task by task, level by level.
+    pub cells: Vec<Claim>,
+}
+
+/// The same in one cell.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Claim {
+    /// Id of the task.
+    pub task: String,
+    /// The level.
+    pub p: f64,
+    /// By how much the mean return is higher, as a share of the baseline's without its sign.
+    pub improvement: f64,
+    /// By how much the standard deviation over seeds is smaller, as a share of the baseline's; `None` for one
+    /// seed, or if that is zero.
+    pub std_reduction: Option<f64>,
 }

@@ -47,6 +47,12 @@ impl Ordered {
     }
 }
 
+/// A difference as a share of the baseline's return without its sign: infinite if that is zero and the difference
+/// is not.
+pub(super) fn relative(difference: f64, baseline: f64) -> f64 {
+    if difference == 0.0 { 0.0 } else { difference / baseline.abs() }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

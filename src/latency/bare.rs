@@ -3,9 +3,7 @@
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use serde::{Deserialize, Serialize};
-
-use super::peer::{LEAVE_DEADLINE, PeerSettings, Role, await_state};
+use super::peer::{BareAgent, LEAVE_DEADLINE, PeerSettings, Role, await_state};
 use super::pin::Pinned;
 use super::plain::{Listener, Notifier, PlainNode, Publisher, Subscriber};
 use crate::base::error::Result;
@@ -32,15 +30,6 @@ struct SupervisorPorts {
     /// Agents that have done what the phase waits for, bit by bit.
     answered: u64,
     _node: PlainNode,
-}
-
-/// What an agent is told at its start.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct BareAgent {
-    tag: String,
-    agent: usize,
-    agents: usize,
-    payload: usize,
 }
 
 struct AgentPorts {

@@ -6,13 +6,11 @@
 use std::process::Stdio;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use super::bus::BusEnd;
 use super::futex::FutexEnd;
 use super::kernel::KernelEnd;
 use super::message::{self, Received, Took};
-use super::peer::{LEAVE_DEADLINE, PeerSettings, Role, await_state};
+use super::peer::{Echo, LEAVE_DEADLINE, PeerSettings, Role, await_state};
 use super::pin::Pinned;
 use super::plain::PlainEnd;
 use super::repeat;
@@ -45,15 +43,6 @@ pub struct Hop {
     pub whole: Distribution,
     /// Whether each process had a core of its own.
     pub pinned: bool,
-}
-
-/// The peer's side of the same.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Echo {
-    medium: Medium,
-    payload: usize,
-    /// The tag of the directory that iceoryx2 works in, for those who use it.
-    tag: String,
 }
 
 impl Hop {

@@ -15,6 +15,7 @@ pub mod peer;
 mod pin;
 mod plain;
 mod played;
+mod serve;
 mod tick;
 mod transport;
 
@@ -23,6 +24,7 @@ pub use growth::exponent;
 pub use hop::{Hop, PAYLOADS};
 pub use memory::Memory;
 pub use played::{Played, Setup};
+pub use serve::run as serve;
 pub use tick::Tick;
 pub use transport::Medium;
 

@@ -2,12 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use rustix::process::Signal;
 use serde::{Deserialize, Serialize};
 
-use super::bare::{self, BareAgent};
-use super::hop::{self, Echo};
-use crate::agent::process::leave_with;
+use super::Medium;
 use crate::base::error::Result;
 use crate::bus::{Wait, wait_until};
 use crate::failed;
@@ -42,19 +39,30 @@ pub(super) enum Role {
     Bare(BareAgent),
 }
 
+/// How messages are answered.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Echo {
+    pub(super) medium: Medium,
+    /// Bytes.
+    pub(super) payload: usize,
+    /// The tag of the directory that iceoryx2 works in, for those who use it.
+    pub(super) tag: String,
+}
+
+/// Which agent without networks it is.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct BareAgent {
+    pub(super) tag: String,
+    pub(super) agent: usize,
+    pub(super) agents: usize,
+    /// Bytes of an observation.
+    pub(super) payload: usize,
+}
+
 impl PeerSettings {
     /// Those of a peer of this process.
     pub(super) fn new(wait: Wait, role: Role) -> PeerSettings {
         PeerSettings { parent: std::process::id() as i32, wait, role }
-    }
-}
-
-/// Runs a peer until it is told to leave.
-pub fn run(settings: &PeerSettings) -> Result<()> {
-    leave_with(settings.parent, Signal::KILL)?;
-    match &settings.role {
-        Role::Echo(echo) => hop::answer(echo, settings.wait),
-        Role::Bare(agent) => bare::tick(agent, settings.wait),
     }
 }
 

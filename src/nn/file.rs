@@ -1,7 +1,7 @@
 //! The policy file, version 1: safetensors with a description in its metadata. See `docs/policy-file.md`.
 
+use super::meta::Meta;
 use super::networks::{Networks, PredictorSpec};
-use super::policy::Meta;
 use super::weights::Line;
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;

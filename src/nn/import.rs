@@ -4,8 +4,9 @@
 //! [`key`]; its weights are `[outputs, inputs]` and get transposed.
 
 use super::Dims;
+use super::meta::Meta;
 use super::networks::{ActorKind, Networks, PredictorSpec, Sharing};
-use super::policy::{Meta, Policy};
+use super::policy::Policy;
 use super::state_dict::StateDict;
 use crate::base::error::Result;
 use std::path::{Path, PathBuf};

@@ -14,9 +14,8 @@ use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 
 use super::batch::Batch;
-use super::config::Config;
+use super::config::{Config, Preset};
 use super::layer::Layer;
-use super::preset::Preset;
 use super::replay::Replay;
 use super::rows::Averages;
 use super::state::Counters;

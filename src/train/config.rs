@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::layer::{Layer, like};
-use super::preset::Preset;
 use super::settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
@@ -93,6 +92,18 @@ pub struct Config {
     pub test_episodes: u64,
     /// What computes gradients.
     pub backend: Backend,
+}
+
+/// Where a configuration starts from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Preset {
+    /// The settings in the paper's text: setting 1 for hear-see, speaker-listener and spread-xy-2, setting 2
+    /// for the other tasks
+    #[default]
+    Paper,
+    /// The habits of the `mappo` configuration in the paper's published code: shared networks, an update after
+    /// every episode, rewards as they are
+    PublishedCode,
 }
 
 /// What trains the policy.

@@ -1,22 +1,10 @@
 //! Where configurations start from.
 
-use super::config::{AdvantageKind, Algorithm, Config, TrainP};
+use super::config::{AdvantageKind, Algorithm, Config, Preset, TrainP};
 use super::settings::{Backend, CriticInput, Objective, PredictorSettings, Settings};
 use crate::agent::paper_actor;
 use crate::environment::Spec;
 use crate::nn::PredictorSpec;
-
-/// Where a configuration starts from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Preset {
-    /// The settings in the paper's text: setting 1 for hear-see, speaker-listener and spread-xy-2, setting 2
-    /// for the other tasks
-    #[default]
-    Paper,
-    /// The habits of the `mappo` configuration in the paper's published code: shared networks, an update after
-    /// every episode, rewards as they are
-    PublishedCode,
-}
 
 impl Config {
     /// The defaults for a task.
