@@ -44,7 +44,7 @@ fn pieces(c: &mut Criterion) {
             c.bench_function(&format!("predict, {kind}, {worlds} worlds"), |bencher| {
                 bencher.iter(|| agent.predict())
             });
-            let mut actor = reference::Actor::new(&policy, 0, worlds);
+            let mut actor = reference::CandleActor::new(&policy, 0, worlds);
             let inputs = numbers(worlds * task.spec().joint_dim());
             c.bench_function(&format!("candle's actor, {kind}, {worlds} worlds"), |bencher| {
                 bencher.iter(|| actor.forward(worlds, &inputs))

@@ -8,7 +8,7 @@ use vamaro_swarm::agent::dims;
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, critic_tensors};
 use vamaro_swarm::train::network::{Kind, Network};
-use vamaro_swarm::train::{Backend, Batch, Ends, Parameters, Settings, Team};
+use vamaro_swarm::train::{Backend, Batch, Ends, Learner, Parameters, Settings};
 
 /// Steps of an episode of every built-in task.
 const EPISODE_STEPS: usize = 25;
@@ -84,7 +84,7 @@ fn updates(c: &mut Criterion) {
         for backend in BACKENDS {
             let settings = Settings { backend, ..Settings::paper(kind) };
             let sizes = (dims(task.spec()), task.spec().padded_obs_dim());
-            let mut team = Team::untrained(settings, &sizes.0, sizes.1, &available, 1, threads);
+            let mut team = Learner::untrained(settings, &sizes.0, sizes.1, &available, 1, threads);
             group.bench_function(format!("{}, {threads} threads, {backend:?}", task.id()), |bencher| {
                 bencher.iter(|| team.update(&batch, &[]).critics.loss)
             });

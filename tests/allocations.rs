@@ -310,7 +310,7 @@ fn an_update_allocates_nothing_once_warm() {
         };
         let available = vec![5; n];
         let settings = Settings::paper(kind);
-        let mut team = train::Team::untrained(
+        let mut team = train::Learner::untrained(
             settings,
             &dims(task.spec()),
             task.spec().padded_obs_dim(),

@@ -16,7 +16,7 @@ use vamaro_swarm::supervisor::{
     self, Audit, Conduct, EpisodeStatistics, InProcess, Ledger, Processes, Session, Team as _,
 };
 use vamaro_swarm::train::{
-    Batch, Estimator, Losses, Objective, PredictorSettings, Replay, Rollout, Settings, Team,
+    Batch, Estimator, Learner, Losses, Objective, PredictorSettings, Replay, Rollout, Settings,
 };
 
 const AGENTS: usize = 3;
@@ -123,15 +123,15 @@ fn agents(worlds: usize) -> AgentSettings {
     }
 }
 
-fn policy(settings: &Settings, team: &Team) -> Policy {
+fn policy(settings: &Settings, team: &Learner) -> Policy {
     let mut weights = Vec::new();
     team.policy_values(&mut weights);
     Policy::new(&dims(&spec()), Meta::new("line", SEED), settings.networks.clone(), &weights).unwrap()
 }
 
-fn untrained(settings: &Settings, threads: usize) -> Team {
+fn untrained(settings: &Settings, threads: usize) -> Learner {
     let spec = spec();
-    Team::untrained(settings.clone(), &dims(&spec), spec.padded_obs_dim(), &[3; AGENTS], SEED, threads)
+    Learner::untrained(settings.clone(), &dims(&spec), spec.padded_obs_dim(), &[3; AGENTS], SEED, threads)
 }
 
 /// What comes of three updates, each on six episodes played in so many worlds: weights, what each update says of itself,

@@ -1,7 +1,7 @@
 //! The actor: from the joint estimate to the logits of the actions.
 
 use super::kernels::{self, Start};
-use super::layers::{Cell, Linear, Scratch};
+use super::layers::{Linear, Recurrent, Scratch};
 
 /// The policy network of one agent:
 /// `Linear -> ReLU -> { Linear -> ReLU | GRU cell } -> Linear`.
@@ -33,7 +33,7 @@ pub struct ActorState {
 #[derive(Clone, Debug)]
 pub(super) enum Middle {
     Linear(Linear),
-    Gru(Cell),
+    Gru(Recurrent),
 }
 
 impl Actor {

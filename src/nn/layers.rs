@@ -37,16 +37,16 @@ impl Linear {
 /// The weights of a GRU or LSTM cell with hidden size h and g gates (3 or 4): `weight_ih` `[inputs, g h]`,
 /// `weight_hh` `[h, g h]`, both biases `[g h]`.
 #[derive(Clone, Debug)]
-pub(super) struct Cell {
+pub(super) struct Recurrent {
     pub weight_ih: Tensor,
     pub weight_hh: Tensor,
     pub bias_ih: Tensor,
     pub bias_hh: Tensor,
 }
 
-impl Cell {
+impl Recurrent {
     /// One GRU step: `hidden` `[rows, h]` becomes that after `x`. `recurrent` `[rows, 3 h]` is what
-    /// [`Cell::recurrent`] made of it, `input` `[rows, 3 h]` is scratch.
+    /// [`Recurrent::recurrent`] made of it, `input` `[rows, 3 h]` is scratch.
     pub(super) fn gru(
         &self,
         rows: usize,
@@ -81,7 +81,7 @@ impl Cell {
 
     /// Takes its new values from the front of `values`.
     pub(super) fn renew(&mut self, values: &mut &[f32]) {
-        let Cell { weight_ih, weight_hh, bias_ih, bias_hh } = self;
+        let Recurrent { weight_ih, weight_hh, bias_ih, bias_hh } = self;
         [weight_ih, weight_hh, bias_ih, bias_hh].into_iter().for_each(|tensor| tensor.renew(values));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::actor::{Actor, Middle};
 use super::file::{self, PolicyFile, Precision};
-use super::layers::{Cell, Linear};
+use super::layers::{Linear, Recurrent};
 use super::meta::Meta;
 use super::networks::{ActorKind, Networks, Sharing, TensorSpec};
 use super::predictor::Predictor;
@@ -316,9 +316,9 @@ impl Parts<'_> {
         Linear { weight: tensor("weight"), bias: tensor("bias") }
     }
 
-    fn cell(&self, prefix: &str, layer: &str) -> Cell {
+    fn cell(&self, prefix: &str, layer: &str) -> Recurrent {
         let tensor = |name| self.tensor(prefix, layer, name);
-        Cell {
+        Recurrent {
             weight_ih: tensor("weight_ih"),
             weight_hh: tensor("weight_hh"),
             bias_ih: tensor("bias_ih"),

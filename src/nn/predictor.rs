@@ -1,7 +1,7 @@
 //! The predictor: what the joint observation will change by, step after step.
 
 use super::kernels;
-use super::layers::{Cell, Linear, Scratch};
+use super::layers::{Linear, Recurrent, Scratch};
 use super::networks::PredictorSpec;
 
 /// `Linear -> ReLU -> LSTM -> Linear`: from the joint estimate of one step to the distribution of the change
@@ -10,7 +10,7 @@ use super::networks::PredictorSpec;
 pub struct Predictor {
     pub(super) spec: PredictorSpec,
     pub(super) fc1: Linear,
-    pub(super) lstm: Cell,
+    pub(super) lstm: Recurrent,
     pub(super) out: Linear,
     /// Length of the joint estimate.
     pub(super) joint: usize,

@@ -11,7 +11,7 @@ const SHAPES_FIT: &str = "inputs and weights are those of one network";
 
 /// An actor of candle's layers, with the hidden state of a GRU inside.
 #[derive(Debug)]
-pub struct Actor {
+pub struct CandleActor {
     fc1: Linear,
     middle: Middle,
     out: Linear,
@@ -24,9 +24,9 @@ enum Middle {
     Gru(GRU, GRUState),
 }
 
-impl Actor {
+impl CandleActor {
     /// The actor of an agent, for `rows` rows that begin an episode.
-    pub fn new(policy: &Policy, agent: usize, rows: usize) -> Actor {
+    pub fn new(policy: &Policy, agent: usize, rows: usize) -> CandleActor {
         let prefix = policy.networks().actor_prefix(agent);
         let layer = |name| format!("{prefix}.{name}");
         let middle = match policy.networks().actor {
@@ -42,7 +42,7 @@ impl Actor {
             let ids = policy.dims().n_agents;
             (0..ids * rows).map(|at| if at % ids == agent { 1.0 } else { 0.0 }).collect()
         });
-        Actor { fc1: linear(policy, &layer("fc1")), middle, out: linear(policy, &layer("out")), id }
+        CandleActor { fc1: linear(policy, &layer("fc1")), middle, out: linear(policy, &layer("out")), id }
     }
 
     /// The logits `[rows, n_actions]` of the inputs `[rows, joint]`.
@@ -65,7 +65,7 @@ impl Actor {
 
 /// A predictor of candle's layers, with its state inside. It knows no held dims.
 #[derive(Debug)]
-pub struct Predictor {
+pub struct CandlePredictor {
     fc1: Linear,
     lstm: LSTM,
     state: LSTMState,
@@ -74,16 +74,16 @@ pub struct Predictor {
     acts: usize,
 }
 
-impl Predictor {
+impl CandlePredictor {
     /// The predictor of this name, which the policy must have, for `rows` rows that begin an episode.
-    pub fn new(policy: &Policy, name: &str, rows: usize) -> Predictor {
+    pub fn new(policy: &Policy, name: &str, rows: usize) -> CandlePredictor {
         let layer = |layer| format!("predictors.{name}.{layer}");
         let (hidden, weights) = cell(policy, &layer("lstm"));
         let lstm = candle_nn::lstm(hidden, hidden, Default::default(), weights).expect(SHAPES_FIT);
         let state = lstm.zero_state(rows).expect(SHAPES_FIT);
         let spec = policy.predictor(name).expect("the policy has this predictor").spec();
         let acts = spec.width(policy.dims()) - policy.dims().joint;
-        Predictor {
+        CandlePredictor {
             fc1: linear(policy, &layer("fc1")),
             lstm,
             state,

@@ -13,7 +13,7 @@ use crate::nn::Dims;
 
 /// An actor in training, and the agents it serves.
 #[derive(Clone, Debug)]
-pub struct Actor {
+pub struct LearningActor {
     /// Its weights.
     pub parameters: Parameters,
     pub(super) agents: Range<usize>,
@@ -51,12 +51,12 @@ pub struct ActorLosses {
 /// Keeps the logarithm of a probability finite.
 const TINY: f32 = 1e-10;
 
-impl Actor {
+impl LearningActor {
     /// An untrained actor of `agents`.
-    pub(super) fn new(settings: &Settings, dims: &Dims, agents: Range<usize>, seed: u64) -> Actor {
+    pub(super) fn new(settings: &Settings, dims: &Dims, agents: Range<usize>, seed: u64) -> LearningActor {
         let networks = &settings.networks;
         let specs = networks.actor_tensors(agents.start, dims);
-        Actor {
+        LearningActor {
             network: Network::new(settings.backend, networks.actor.into(), &specs),
             parameters: Parameters::untrained(specs, seed),
             agents,

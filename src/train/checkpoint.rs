@@ -1,6 +1,6 @@
 //! The checkpoint: everything a run needs in order to go on as if it had never stopped.
 //!
-//! A safetensors file with the tensors of [`Team::state`], what is remembered for replay (`replay.*`) and, where
+//! A safetensors file with the tensors of [`Learner::state`], what is remembered for replay (`replay.*`) and, where
 //! updates share episodes, the batch (`batch.*`); its metadata hold the configuration and the counters.
 //! Actions are remembered where predictors see them (`replay.actions`).
 //! Checkpoints from before episodes could end early have no `replay.lengths`, `batch.lengths` and
@@ -16,10 +16,10 @@ use serde::{Deserialize, Serialize};
 use super::batch::Batch;
 use super::config::{Config, Preset};
 use super::layer::Layer;
+use super::learner::Learner;
+use super::learner_state::Counters;
 use super::replay::Replay;
 use super::rows::Averages;
-use super::state::Counters;
-use super::team::Team;
 use crate::base::error::{Error, Result};
 use crate::environment::Spec;
 use crate::nn::{Precision, map, write_tensors};
@@ -50,7 +50,7 @@ pub struct State {
     /// How far it has come.
     pub progress: Progress,
     /// The networks.
-    pub team: Team,
+    pub learner: Learner,
     /// Remembered episodes.
     pub replay: Replay,
     /// The last episodes.
@@ -64,8 +64,8 @@ impl State {
     /// `Failed` if it cannot be written, or if some weight is not a number: then the last checkpoint is the good
     /// one, and stays.
     pub fn save(&self, config: &Config, path: &Path) -> Result<()> {
-        let State { progress, team, replay, batch } = self;
-        if !team.is_finite() {
+        let State { progress, learner, replay, batch } = self;
+        if !learner.is_finite() {
             return Err(failed!("a weight is no longer a finite number; no checkpoint is made of that"));
         }
         let metadata = BTreeMap::from([
@@ -74,9 +74,9 @@ impl State {
             ("program", concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned()),
             ("config", config.to_toml()),
             ("progress", to_json(progress)),
-            ("counters", to_json(&team.counters())),
+            ("counters", to_json(&learner.counters())),
         ]);
-        let state = team.state();
+        let state = learner.state();
         let mut tensors: Vec<(&str, Vec<usize>, &[f32])> =
             state.iter().map(|(name, shape, values)| (&name[..], shape.clone(), *values)).collect();
         let remembered = floats(replay.lengths().iter().map(|&length| length as f32));
@@ -114,7 +114,7 @@ impl State {
         let tensors = checkpoint.tensors()?;
         let find =
             |name: &str| tensors.tensor(name).ok().and_then(|t| bytemuck::try_cast_slice(t.data()).ok());
-        self.team.restore(find, &checkpoint.counters).map_err(|e| checkpoint.damaged(&e))?;
+        self.learner.restore(find, &checkpoint.counters).map_err(|e| checkpoint.damaged(&e))?;
         let need = |name: &str| find(name).ok_or_else(|| checkpoint.damaged(&format!("{name} is missing")));
         let lengths = |name: &str| {
             find(name).map(|values| values.iter().map(|&value| value as usize).collect::<Vec<_>>())
@@ -175,7 +175,7 @@ impl State {
         episodes.is_multiple_of(fresh)
             && episodes < 1 << 46
             && rows as u64 <= episodes / fresh + 1
-            && self.team.updates() == updates
+            && self.learner.updates() == updates
             && self.replay.len() as u64 == remembered
     }
 }

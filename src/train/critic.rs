@@ -14,7 +14,7 @@ use crate::nn::{Dims, critic_tensors};
 
 /// A critic in training, and the agents it serves.
 #[derive(Clone, Debug)]
-pub struct Critic {
+pub struct LearningCritic {
     /// Its weights.
     pub parameters: Parameters,
     pub(super) agents: Range<usize>,
@@ -50,7 +50,7 @@ pub struct CriticLosses {
     pub advantage: f64,
 }
 
-impl Critic {
+impl LearningCritic {
     /// An untrained critic of `agents`.
     pub(super) fn new(
         settings: &Settings,
@@ -58,7 +58,7 @@ impl Critic {
         observation: usize,
         agents: Range<usize>,
         seed: u64,
-    ) -> Critic {
+    ) -> LearningCritic {
         let ids = settings.critic_sharing.id_len(dims);
         let inputs = match settings.critic_input {
             CriticInput::AllObservations => dims.n_agents * observation,
@@ -69,7 +69,7 @@ impl Critic {
             critic_tensors(settings.critic_sharing, agents.start, inputs + ids, settings.networks.hidden);
         let network = Network::new(settings.backend, Kind::Mlp, &specs);
         let parameters = Parameters::untrained(specs, seed);
-        Critic {
+        LearningCritic {
             target: parameters.values.clone(),
             parameters,
             agents,

@@ -1,18 +1,18 @@
 //! Training: how a team learns from a batch of episodes.
 //!
 //! ```text
-//!     Batch -> Critic  -> returns - values = advantages -> Actor      (MAPPO, IPPO)
-//!                                            advantages -> Predictor  (value-aware)
-//!     replayed episodes ------------------------------->  Predictor  (MARO)
+//!     Batch -> LearningCritic -> returns - values = advantages -> LearningActor      (MAPPO, IPPO)
+//!                                           advantages -> LearningPredictor          (value-aware)
+//!     replayed episodes ------------------------------>  LearningPredictor          (MARO)
 //! ```
 //!
-//! Read [`Team::update`] first: it is one update of everything. Networks learn side by side on as many threads
+//! Read [`Learner::update`] first: it is one update of everything. Networks learn side by side on as many threads
 //! as they are given, and the result is the same to the last bit for any number of them.
 //!
 //! Around it is the run:
 //!
 //! ```text
-//!     Layer, Preset -> Config -> Trainer: Rollout -> Batch, Replay -> Team -> weights for the agents
+//!     Layer, Preset -> Config -> Trainer: Rollout -> Batch, Replay -> Learner -> weights for the agents
 //!                                Run:     a row of metrics with its test (trial), a checkpoint, the folder
 //! ```
 //!
@@ -22,10 +22,13 @@ mod actor;
 mod batch;
 mod checkpoint;
 mod config;
+mod config_check;
 mod critic;
 mod ends;
 mod folder;
 mod layer;
+mod learner;
+mod learner_state;
 pub mod memory;
 mod memory_needed;
 pub mod network;
@@ -38,34 +41,31 @@ mod returns;
 mod rollout;
 mod rows;
 mod run;
-mod sense;
 mod settings;
-mod state;
-mod team;
 #[cfg(test)]
 mod tests;
 mod throughput;
 mod trainer;
 mod trial;
 
-pub use actor::{Actor, ActorLosses};
+pub use actor::{ActorLosses, LearningActor};
 pub use batch::{Batch, Trajectories};
 pub use checkpoint::{Checkpoint, Progress};
 pub use config::{AdvantageKind, Algorithm, Config, Preset, TrainMode, TrainP};
-pub use critic::{Critic, CriticLosses};
+pub use critic::{CriticLosses, LearningCritic};
 pub use ends::Ends;
 pub use folder::RunFolder;
 pub use layer::Layer;
+pub use learner::{Busy, Learner, Losses};
+pub use learner_state::Counters;
 pub use parameters::Parameters;
 pub use plan::{Plan, estimate};
-pub use predictor::{Predictor, PredictorLosses};
+pub use predictor::{LearningPredictor, PredictorLosses};
 pub use replay::Replay;
 pub use rollout::Rollout;
 pub use rows::{Averages, columns};
 pub use run::{Pace, Run};
 pub use settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
-pub use state::Counters;
-pub use team::{Busy, Losses, Team};
 pub use throughput::{Throughput, matmul_rate, test_duration};
 pub use trainer::{Diverged, Trainer};
 pub use trial::{LEVELS, Trial};

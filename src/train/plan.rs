@@ -67,7 +67,7 @@ pub fn estimate(config: &Config, threads: usize, from: u64) -> Result<Plan> {
     let all_rows = 1 + config.steps.div_ceil(config.test_interval);
     let rows = all_rows.saturating_sub(if from > 0 { 1 + from / config.test_interval } else { 0 });
     let duration = updates as f64 * seconds_per_update + rows as f64 * seconds_per_row;
-    let learned: usize = trainer.team().state().iter().map(|(_, _, values)| size_of_val(*values)).sum();
+    let learned: usize = trainer.learner().state().iter().map(|(_, _, values)| size_of_val(*values)).sum();
     let policy = (policy.n_values() * VALUE) as u64;
     let cells = all_rows * columns(config).len() as u64;
     Ok(Plan {

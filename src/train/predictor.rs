@@ -12,7 +12,7 @@ use crate::nn::{Dims, PredictorSpec};
 
 /// A predictor in training.
 #[derive(Clone, Debug)]
-pub struct Predictor {
+pub struct LearningPredictor {
     /// Its weights.
     pub parameters: Parameters,
     pub(super) settings: PredictorSettings,
@@ -42,7 +42,7 @@ pub struct PredictorLosses {
     pub gradient: f64,
 }
 
-impl Predictor {
+impl LearningPredictor {
     /// An untrained predictor.
     pub(super) fn new(
         spec: &PredictorSpec,
@@ -50,9 +50,9 @@ impl Predictor {
         dims: &Dims,
         backend: Backend,
         seed: u64,
-    ) -> Predictor {
+    ) -> LearningPredictor {
         let specs = spec.tensors(dims);
-        Predictor {
+        LearningPredictor {
             carried: settings.carry_gradients.then(|| Flat::zeros(&specs)),
             network: Network::new(backend, Kind::Lstm, &specs),
             parameters: Parameters::untrained(specs, seed),

@@ -5,7 +5,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::config::Config;
-use super::team::Losses;
+use super::learner::Losses;
 use super::trial::{LEVELS, Trial};
 
 /// How far the run is, and the training episodes since the row before.

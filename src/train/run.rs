@@ -206,7 +206,7 @@ impl Run {
             let policy = self.trainer.policy()?;
             self.trials = test(config, task, &policy, progress.rows, self.pace.threads)?;
         }
-        let values = progress.averages.row(config, progress.episodes, state.team.updates(), &self.trials);
+        let values = progress.averages.row(config, progress.episodes, state.learner.updates(), &self.trials);
         self.log.push(progress.timestep(), &values)
     }
 

@@ -35,16 +35,16 @@ impl Throughput {
         longest: Duration,
     ) -> Result<Throughput> {
         let warm = trainer.config.replay_batch.div_ceil(trainer.config.update_every) as u64;
-        while trainer.team().updates() <= warm {
+        while trainer.learner().updates() <= warm {
             let mut ignored = Throughput::default();
             ignored.update(trainer, agents)?;
         }
-        let (began, before) = (Instant::now(), trainer.team().busy());
+        let (began, before) = (Instant::now(), trainer.learner().busy());
         let mut measured = Throughput::default();
         while measured.updates < 3 || began.elapsed() < longest {
             measured.update(trainer, agents)?;
         }
-        let after = trainer.team().busy();
+        let after = trainer.learner().busy();
         let busy = Busy {
             actors: after.actors - before.actors,
             critics: after.critics - before.critics,

@@ -3,7 +3,7 @@
 use super::checkpoint::{Checkpoint, Progress, State, available_actions};
 use super::memory_needed::check_memory;
 use super::replay::Replay;
-use super::{Algorithm, Batch, Config, Rollout, Team};
+use super::{Algorithm, Batch, Config, Learner, Rollout};
 use crate::agent::{AgentSettings, PolicySource, Registry, dims};
 use crate::base::error::Result;
 use crate::environment::{ActionSpace, Spec, Task};
@@ -51,7 +51,7 @@ impl Trainer {
         let (links, first) = (config.links(), state.progress.episodes);
         let rollout = Rollout::new(task.environment(config.update_every), links, config.seed, first);
         let mut weights = Vec::new();
-        state.team.policy_values(&mut weights);
+        state.learner.policy_values(&mut weights);
         Trainer { config, task, state, rollout, weights }
     }
 
@@ -66,8 +66,8 @@ impl Trainer {
     }
 
     /// The networks.
-    pub fn team(&self) -> &Team {
-        &self.state.team
+    pub fn learner(&self) -> &Learner {
+        &self.state.learner
     }
 
     /// What the agents that collect experience run with.
@@ -114,14 +114,14 @@ impl Trainer {
     /// One update on the batch, once there is a whole one; then there are new weights.
     pub fn learn(&mut self) -> std::result::Result<Option<&[f32]>, Diverged> {
         let Config { seed, predictor_updates, replay_batch, batch_episodes, .. } = self.config;
-        let State { progress, team, replay, batch } = &mut self.state;
+        let State { progress, learner, replay, batch } = &mut self.state;
         if progress.episodes < batch_episodes as u64 {
             return Ok(None);
         }
-        let replays = replay.sample(seed, team.updates(), predictor_updates, replay_batch);
-        let losses = team.update(batch, &replays);
+        let replays = replay.sample(seed, learner.updates(), predictor_updates, replay_batch);
+        let losses = learner.update(batch, &replays);
         progress.averages.push_update(&self.config, losses).map_err(Diverged)?;
-        team.policy_values(&mut self.weights);
+        learner.policy_values(&mut self.weights);
         if all_finite(&self.weights) {
             Ok(Some(&self.weights))
         } else {
@@ -145,7 +145,14 @@ impl State {
         let seen = if config.sees_own_actions() { dims.n_agents } else { 0 };
         Ok(State {
             progress: Progress::default(),
-            team: Team::untrained(config.settings(), &dims, observation, &available, config.seed, threads),
+            learner: Learner::untrained(
+                config.settings(),
+                &dims,
+                observation,
+                &available,
+                config.seed,
+                threads,
+            ),
             replay: Replay::new(remembered, spec.episode_steps, dims.joint, seen),
             batch: Batch::zeros(spec, config.batch_episodes, !config.everything_arrives()),
         })

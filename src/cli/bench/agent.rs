@@ -201,8 +201,8 @@ impl Measured {
 
     /// The same networks in candle.
     fn candle(&mut self, task: &Task, policy: &Policy, rows: usize, longest: Duration) -> Result<()> {
-        let mut actor = reference::Actor::new(policy, 0, rows);
-        let mut predictor = reference::Predictor::new(policy, PREFERRED, rows);
+        let mut actor = reference::CandleActor::new(policy, 0, rows);
+        let mut predictor = reference::CandlePredictor::new(policy, PREFERRED, rows);
         let inputs = numbers(rows * task.spec().joint_dim());
         repeat(longest, |counts| {
             let began = now_ns();

@@ -130,7 +130,7 @@ impl Measured {
         let config = config(task, "value-aware", Backend::Native)?;
         let trainer = Trainer::new(config.clone(), threads)?;
         let steps = trainer.task().spec().episode_steps;
-        let flop = trainer.team().flop_per_update(config.batch_episodes, steps, config.replay_batch);
+        let flop = trainer.learner().flop_per_update(config.batch_episodes, steps, config.replay_batch);
         let (native, candle, both, test) = Default::default();
         Ok(Measured { config, episode_steps: steps, flop, native, candle, both, test })
     }

@@ -34,7 +34,7 @@ proptest! {
         let inputs: Vec<_> = (0..4).map(|step| numbers(seed ^ step, rows * joint)).collect();
         for agent in 0..n_agents {
             let logits = run(policy.actor(agent), rows, &inputs, n_actions);
-            let mut oracle = oracle::Actor::new(&policy, agent, rows);
+            let mut oracle = oracle::CandleActor::new(&policy, agent, rows);
             for (inputs, logits) in inputs.iter().zip(&logits) {
                 for (found, expected) in logits.iter().zip(oracle.forward(rows, inputs)) {
                     prop_assert!((found - expected).abs() < 1e-5, "{found} is not {expected}");

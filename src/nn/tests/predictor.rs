@@ -15,7 +15,7 @@ proptest! {
         let policy = Policy::untrained(&dims, seed, networks).unwrap();
         let predictor = policy.predictor("one").unwrap();
         let (mut state, mut scratch) = (predictor.state(rows), Scratch::default());
-        let mut oracle = oracle::Predictor::new(&policy, "one", rows);
+        let mut oracle = oracle::CandlePredictor::new(&policy, "one", rows);
         let mut out = vec![0.0; rows * 2 * joint];
         for step in 0..4 {
             let inputs = numbers(seed ^ step, rows * joint);
@@ -36,7 +36,7 @@ fn a_held_dim_is_predicted_not_to_change() {
     let mut out = vec![f32::NAN; rows * 2 * predicted];
     let inputs = numbers(5, rows * policy.dims().joint);
     predictor.step(rows, &inputs, &[], &mut predictor.state(rows), &mut Scratch::default(), &mut out);
-    let expected = oracle::Predictor::new(&policy, "value-aware", rows).step(rows, &inputs, &[]);
+    let expected = oracle::CandlePredictor::new(&policy, "value-aware", rows).step(rows, &inputs, &[]);
     for (at, (&found, expected)) in out.iter().zip(expected).enumerate() {
         match at % (2 * predicted) {
             1 | 4 => assert_eq!(found, 0.0),

@@ -51,10 +51,10 @@ fn estimates_reach_actors_and_their_like_and_nothing_else() {
             let own = imputed.estimates.chunks_exact(dims().joint).skip(agent).step_by(N);
             let believed = Batch { joint: own.flatten().copied().collect(), ..truth.clone() };
             let (believed, told) = (learn(&believed), learn(&truth));
-            let actor = |team: &Team| bits(&team.actors[agent].parameters);
+            let actor = |team: &Learner| bits(&team.actors[agent].parameters);
             assert_eq!(actor(&found), actor(&believed), "{kind}, agent {agent}");
             assert_ne!(actor(&found), actor(&told), "{kind}, agent {agent}");
-            let critic = |team: &Team| bits(&team.critics[agent].parameters);
+            let critic = |team: &Learner| bits(&team.critics[agent].parameters);
             let like = if critic_input == CriticInput::Joint { &believed } else { &told };
             assert_eq!(critic(&found), critic(like), "{kind}, agent {agent}");
         }

@@ -86,7 +86,7 @@ fn the_gradient_of_a_predictor_is_that_of_its_loss() {
         ] {
             let spec = PredictorSpec { hidden: 5, held, inputs: inputs.clone(), ..PredictorSpec::paper("p") };
             let mut predictor = still(spec, objective, false);
-            let learn = |predictor: &mut Predictor| {
+            let learn = |predictor: &mut LearningPredictor| {
                 let trajectories = batch.trajectories();
                 predictor.learn(&once(), trajectories, &advantages, &[trajectories]).unwrap()
             };

@@ -4,9 +4,9 @@ mod checkpoint;
 mod ends;
 mod estimates;
 mod gradients;
+mod learner_state;
 mod losses;
 mod predictors;
-mod state;
 
 use super::batch::gather;
 use super::memory::{Buffer, Flat};
@@ -81,8 +81,8 @@ fn acting(mut settings: Settings) -> Settings {
     settings
 }
 
-fn team(settings: Settings, threads: usize) -> Team {
-    Team::untrained(settings, &dims(), OBSERVATION, &AVAILABLE, 5, threads)
+fn team(settings: Settings, threads: usize) -> Learner {
+    Learner::untrained(settings, &dims(), OBSERVATION, &AVAILABLE, 5, threads)
 }
 
 fn kinds() -> impl Iterator<Item = (ActorKind, Sharing)> {
@@ -90,7 +90,7 @@ fn kinds() -> impl Iterator<Item = (ActorKind, Sharing)> {
     kinds.flat_map(|kind| [(kind, Sharing::Separate), (kind, Sharing::Shared)])
 }
 
-fn weights(team: &Team) -> Vec<u32> {
+fn weights(team: &Learner) -> Vec<u32> {
     team.networks().flat_map(|network| network.values.all()).map(|value| value.to_bits()).collect()
 }
 
@@ -100,19 +100,19 @@ fn once() -> Settings {
 }
 
 /// A predictor for `objective` that does not move.
-fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool) -> Predictor {
+fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool) -> LearningPredictor {
     still(PredictorSpec { hidden: 5, held, ..PredictorSpec::paper("p") }, objective, carry_gradients)
 }
 
 /// A predictor of this kind that does not move.
-fn still(spec: PredictorSpec, objective: Objective, carry_gradients: bool) -> Predictor {
+fn still(spec: PredictorSpec, objective: Objective, carry_gradients: bool) -> LearningPredictor {
     let settings =
         PredictorSettings { objective, learning_rate: 0.0, largest_gradient: 0.1, carry_gradients };
-    Predictor::new(&spec, &settings, &dims(), Backend::Native, 2)
+    LearningPredictor::new(&spec, &settings, &dims(), Backend::Native, 2)
 }
 
 /// A team's state by name.
-fn saved(team: &Team) -> HashMap<String, Vec<f32>> {
+fn saved(team: &Learner) -> HashMap<String, Vec<f32>> {
     team.state().into_iter().map(|(name, _, values)| (name, values.to_vec())).collect()
 }
 

@@ -79,13 +79,13 @@ fn what_predictors_say() {
 }
 
 /// A predictor that sees what its agent does.
-fn acting(objective: Objective) -> Predictor {
+fn acting(objective: Objective) -> LearningPredictor {
     let inputs = vec![Input::Estimate, Input::OwnAction];
     still(PredictorSpec { hidden: 5, inputs, ..PredictorSpec::paper("p") }, objective, false)
 }
 
 /// Gives the rows of its first layer's weight that actions are multiplied by the value zero.
-fn ignore_actions(predictor: &mut Predictor) {
+fn ignore_actions(predictor: &mut LearningPredictor) {
     let weight = predictor.parameters.values.tensor_mut(0);
     weight[dims().joint * 5..].fill(0.0);
 }

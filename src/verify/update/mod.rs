@@ -14,7 +14,7 @@ use super::{Comparison, Deviations, FileKind};
 use crate::agent::dims;
 use crate::base::error::{Error, Result};
 use crate::environment::{Spec, Task};
-use crate::train::{Parameters, Team};
+use crate::train::{Learner, Parameters};
 
 /// Largest deviation of an advantage: a difference of two sums in f32 that add in another order.
 const ADVANTAGES: f64 = 1e-4;
@@ -71,7 +71,7 @@ pub(super) fn is_update(file: &Path) -> bool {
 }
 
 /// The networks of a team, with what the files call their kind.
-fn networks(team: &mut Team) -> impl Iterator<Item = (&'static str, &mut Parameters)> {
+fn networks(team: &mut Learner) -> impl Iterator<Item = (&'static str, &mut Parameters)> {
     let actors = team.actors.iter_mut().map(|actor| ("actor", &mut actor.parameters));
     let critics = team.critics.iter_mut().map(|critic| ("critic", &mut critic.parameters));
     let predictors = team.predictors.iter_mut().map(|predictor| ("predictor", &mut predictor.parameters));
@@ -79,7 +79,7 @@ fn networks(team: &mut Team) -> impl Iterator<Item = (&'static str, &mut Paramet
 }
 
 /// The team before the first update, and its weights, tensor by tensor.
-fn team(config: &Config, spec: &Spec, file: &UpdateFile) -> Result<(Team, Vec<Vec<f32>>)> {
+fn team(config: &Config, spec: &Spec, file: &UpdateFile) -> Result<(Learner, Vec<Vec<f32>>)> {
     let (settings, dims) = (config.settings(), dims(spec));
     // The file bounds the sizes before memory is asked for.
     for tensor in settings.networks.tensors(&dims) {
@@ -87,7 +87,7 @@ fn team(config: &Config, spec: &Spec, file: &UpdateFile) -> Result<(Team, Vec<Ve
         file.weights(&format!("before.{kind}"), &tensor)?;
     }
     let available: Vec<usize> = (0..spec.n_agents()).map(|agent| spec.available_actions(agent)).collect();
-    let mut team = Team::untrained(settings, &dims, spec.padded_obs_dim(), &available, 0, 1);
+    let mut team = Learner::untrained(settings, &dims, spec.padded_obs_dim(), &available, 0, 1);
     let mut start = Vec::new();
     for (kind, parameters) in networks(&mut team) {
         for at in 0..parameters.specs.len() {
@@ -107,7 +107,7 @@ fn team(config: &Config, spec: &Spec, file: &UpdateFile) -> Result<(Team, Vec<Ve
 
 /// One update, and what it came to.
 fn compare_update(
-    team: &mut Team,
+    team: &mut Learner,
     start: &[Vec<f32>],
     spec: &Spec,
     file: &UpdateFile,

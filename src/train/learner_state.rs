@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::learner::Learner;
 use super::memory::Flat;
 use super::parameters::Parameters;
-use super::team::Team;
 use crate::nn::TensorSpec;
 use crate::nn::kernels::all_finite;
 
@@ -23,7 +23,7 @@ pub struct Counters {
 /// Tensors of one layout: what their names begin with, how they go on, and the values.
 type Part<'a> = (&'static str, &'a [TensorSpec], &'a Flat);
 
-impl Team {
+impl Learner {
     /// Every tensor that makes the team what it is, with its name and shape: weights as a policy calls them
     /// (`actors.0.fc1.weight`, ..), Adam's moments (`adam.mean.actors.0.fc1.weight`, `adam.square.`..), target
     /// critics (`target.critics.0.fc1.weight`, ..) and the gradients that predictors carry on

@@ -2,12 +2,12 @@
 
 use std::time::{Duration, Instant};
 
-use super::actor::{Actor, ActorLosses};
+use super::actor::{ActorLosses, LearningActor};
 use super::batch::{Batch, Trajectories};
-use super::critic::{Critic, CriticLosses};
+use super::critic::{CriticLosses, LearningCritic};
 use super::memory::Buffer;
 use super::parameters::clip_scale;
-use super::predictor::{Predictor, PredictorLosses};
+use super::predictor::{LearningPredictor, PredictorLosses};
 use super::returns::standardise;
 use super::settings::{Objective, Settings};
 use crate::base::threads::side_by_side;
@@ -15,13 +15,13 @@ use crate::nn::{Dims, Sharing};
 
 /// Actors, critics and predictors that learn together.
 #[derive(Clone, Debug)]
-pub struct Team {
+pub struct Learner {
     /// One per agent, or one.
-    pub actors: Vec<Actor>,
+    pub actors: Vec<LearningActor>,
     /// One per agent, or one.
-    pub critics: Vec<Critic>,
+    pub critics: Vec<LearningCritic>,
     /// Those of the settings.
-    pub predictors: Vec<Predictor>,
+    pub predictors: Vec<LearningPredictor>,
     settings: Settings,
     joint: usize,
     /// How many actions each agent has: the first ones.
@@ -62,12 +62,12 @@ pub struct Busy {
 
 /// A network's turn in a round; actors and critics know which epoch they are in.
 enum Turn<'a> {
-    Actor(&'a mut Actor, usize),
-    Critic(&'a mut Critic, usize),
-    Predictor(&'a mut Predictor, &'a mut Option<PredictorLosses>),
+    Actor(&'a mut LearningActor, usize),
+    Critic(&'a mut LearningCritic, usize),
+    Predictor(&'a mut LearningPredictor, &'a mut Option<PredictorLosses>),
 }
 
-impl Team {
+impl Learner {
     /// An untrained team for `dims` with padded observations of length `observation`, of which agent i has the
     /// first `available[i]` actions. It learns on `threads` threads.
     pub fn untrained(
@@ -77,7 +77,7 @@ impl Team {
         available: &[usize],
         seed: u64,
         threads: usize,
-    ) -> Team {
+    ) -> Learner {
         assert_eq!(available.len(), dims.n_agents, "every agent has actions");
         assert_eq!(
             settings.predictors.len(),
@@ -94,11 +94,13 @@ impl Team {
         };
         let (actors, critics) = (groups(settings.networks.sharing), groups(settings.critic_sharing));
         let predictors = settings.networks.predictors.iter().zip(&settings.predictors);
-        Team {
-            actors: actors.map(|agents| Actor::new(&settings, dims, agents, seed)).collect(),
-            critics: critics.map(|agents| Critic::new(&settings, dims, observation, agents, seed)).collect(),
+        Learner {
+            actors: actors.map(|agents| LearningActor::new(&settings, dims, agents, seed)).collect(),
+            critics: critics
+                .map(|agents| LearningCritic::new(&settings, dims, observation, agents, seed))
+                .collect(),
             predictors: predictors
-                .map(|(spec, how)| Predictor::new(spec, how, dims, settings.backend, seed))
+                .map(|(spec, how)| LearningPredictor::new(spec, how, dims, settings.backend, seed))
                 .collect(),
             joint: dims.joint,
             available: available.to_vec(),
@@ -134,7 +136,7 @@ impl Team {
         }
         self.updates += 1;
         if self.updates.is_multiple_of(self.settings.target_interval) {
-            self.critics.iter_mut().for_each(Critic::renew_target);
+            self.critics.iter_mut().for_each(LearningCritic::renew_target);
         }
         &self.losses
     }

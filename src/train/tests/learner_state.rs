@@ -4,7 +4,7 @@ use super::*;
 use std::ops::Range;
 
 /// Teams with every kind of predictor, one of them carrying gradients.
-fn carrying(kind: ActorKind, sharing: Sharing, seed: u64) -> Team {
+fn carrying(kind: ActorKind, sharing: Sharing, seed: u64) -> Learner {
     let mut settings = Settings { target_interval: 2, ..settings(kind, sharing) };
     for (name, objective) in [("ablation", Objective::ValueAware { lambda: 0.0 }), ("old", Objective::Maro)] {
         settings.networks.predictors.push(PredictorSpec { hidden: 5, ..PredictorSpec::paper(name) });
@@ -13,13 +13,13 @@ fn carrying(kind: ActorKind, sharing: Sharing, seed: u64) -> Team {
             .predictors
             .push(PredictorSettings { carry_gradients, ..PredictorSettings::paper(objective) });
     }
-    Team::untrained(settings, &dims(), OBSERVATION, &AVAILABLE, seed, 1)
+    Learner::untrained(settings, &dims(), OBSERVATION, &AVAILABLE, seed, 1)
 }
 
 #[test]
 fn a_restored_team_goes_on_to_the_same_bits() {
     for (kind, sharing) in kinds() {
-        let learn = |team: &mut Team, updates: Range<u64>| {
+        let learn = |team: &mut Learner, updates: Range<u64>| {
             for at in updates {
                 team.update(&batch(at), &[batch(at + 100).trajectories()]);
             }
