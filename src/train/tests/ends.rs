@@ -7,6 +7,7 @@ use crate::train::returns::{returns, standardise};
 fn all_settings() -> Vec<Settings> {
     let mut all = Vec::new();
     for (kind, sharing) in kinds() {
+        all.push(acting(settings(kind, sharing)));
         for critic_input in [CriticInput::AllObservations, CriticInput::Joint, CriticInput::OwnObservation] {
             for estimator in [Estimator::Steps(2), Estimator::Gae(0.9)] {
                 all.push(Settings { critic_input, estimator, ..settings(kind, sharing) });
@@ -179,9 +180,14 @@ fn the_gradient_of_a_batch_is_that_of_its_episodes_each_alone() {
             });
         }
     }
-    for objective in [Objective::Maro, Objective::ValueAware { lambda: 0.0 }] {
-        let mut predictor = still_predictor(objective, vec![2], false);
-        check_sum(&format!("{objective:?}"), &batch, |batch, episodes| {
+    let estimate = PredictorSpec { hidden: 5, held: vec![2], ..PredictorSpec::paper("p") };
+    let own_action = PredictorSpec { inputs: vec![Input::Estimate, Input::OwnAction], ..estimate.clone() };
+    let objectives = [Objective::Maro, Objective::ValueAware { lambda: 0.0 }];
+    for (spec, objective) in
+        [&estimate, &own_action].into_iter().flat_map(|spec| objectives.map(|o| (spec, o)))
+    {
+        let mut predictor = still(spec.clone(), objective, false);
+        check_sum(&format!("{objective:?}, {:?}", spec.inputs), &batch, |batch, episodes| {
             let trajectories = batch.trajectories();
             let transitions = (0..batch.episodes).map(|row| trajectories.transitions(row)).sum();
             let found = predictor.learn(&once(), trajectories, &own(batch, episodes), &[trajectories]);
