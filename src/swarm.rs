@@ -41,6 +41,7 @@ pub struct SwarmBuilder {
     seed: u64,
     worlds: usize,
     in_process: bool,
+    recordable: bool,
     conduct: Conduct,
 }
 
@@ -77,6 +78,7 @@ impl Swarm {
             seed: 0,
             worlds: 1,
             in_process: false,
+            recordable: false,
             conduct: Conduct::default(),
         }
     }
@@ -202,6 +204,11 @@ impl SwarmBuilder {
         self
     }
 
+    /// Has agents say which logits they decide by, which a [`Recorder`](crate::supervisor::Recorder) needs.
+    pub fn recordable(self) -> SwarmBuilder {
+        SwarmBuilder { recordable: true, ..self }
+    }
+
     /// The program to run for an agent instead of this one.
     pub fn agent_command(mut self, command: AgentCommand) -> SwarmBuilder {
         self.conduct.command = Some(command);
@@ -236,6 +243,7 @@ impl SwarmBuilder {
             seed: self.seed,
             worlds: environment.worlds(),
             longest_delay: links.longest_delay(),
+            tell_logits: self.recordable,
             spec,
         };
         let agents = if self.in_process {

@@ -92,6 +92,7 @@ fn nothing_of_a_lost_observation_gets_through() {
                 imputer,
                 worlds: 3,
                 policy: PolicySource::Builtin,
+                tell_logits: true,
                 ..AgentSettings::of(task.spec())
             };
             let (layout, policy) = (settings.layout(), settings.policy.load(task.spec()).unwrap());

@@ -97,7 +97,14 @@ impl Case {
             _ => "value-aware".to_owned(),
         };
         let policy = PolicySource::Training;
-        AgentSettings { imputer, policy, seed: SEED, worlds, ..AgentSettings::of(self.task.spec()) }
+        AgentSettings {
+            imputer,
+            policy,
+            seed: SEED,
+            worlds,
+            tell_logits: true,
+            ..AgentSettings::of(self.task.spec())
+        }
     }
 
     fn links(&self) -> Links {

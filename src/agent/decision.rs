@@ -33,6 +33,8 @@ pub struct AgentSettings {
     pub worlds: usize,
     /// The most ticks by which links may postpone an observation: it is kept for so long.
     pub longest_delay: u8,
+    /// Whether decisions say which logits they were made by. Only a recorder looks at them.
+    pub tell_logits: bool,
 }
 
 impl AgentSettings {
@@ -47,6 +49,7 @@ impl AgentSettings {
             seed: 0,
             worlds: 1,
             longest_delay: 0,
+            tell_logits: false,
         }
     }
 
@@ -58,7 +61,7 @@ impl AgentSettings {
             observation: spec.padded_obs_dim(),
             action: spec.action_width(),
             joint: spec.joint_dim(),
-            logits: spec.n_actions(),
+            logits: if self.tell_logits { spec.n_actions() } else { 0 },
         }
     }
 }

@@ -131,7 +131,8 @@ impl<P: AgentPort> Member<P> {
         let header = self.answer(Kind::Decision, sample.header(), self.layout.decision_words(worlds));
         let (agent, layout, ages) = (&self.agent, &self.layout, &self.ages);
         self.port.publish_decision(header, |words| {
-            layout.write_decision(words, agent.actions(), ages, agent.estimates(), agent.logits(), times);
+            let logits = &agent.logits()[..worlds * layout.logits];
+            layout.write_decision(words, agent.actions(), ages, agent.estimates(), logits, times);
         })
     }
 

@@ -95,7 +95,7 @@ pub struct Layout {
     pub action: usize,
     /// Joint observation.
     pub joint: usize,
-    /// Actions an agent chooses from.
+    /// Actions an agent chooses from; 0 where nobody records by which logits.
     pub logits: usize,
 }
 

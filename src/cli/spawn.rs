@@ -307,6 +307,7 @@ impl Spawn {
             // More worlds than episodes would have nothing to do.
             worlds: u64::from(self.worlds).min(self.episodes) as usize,
             longest_delay: links.longest_delay(),
+            tell_logits: self.record.is_some(),
         })
     }
 

@@ -43,7 +43,8 @@ pub trait Environment: Send {
     fn reset(&mut self, world: usize, seed: u64, episode: u64) -> Result<()>;
 
     /// Writes what the agents of the first `worlds` worlds observe now, `[agents, worlds, observation]`, each observation
-    /// zero-padded behind its own [`Spec::obs_dim`].
+    /// zero-padded behind its own [`Spec::obs_dim`]. A world whose episode is over goes on showing what there was to
+    /// see at its end: whoever learns from an episode that was cut off needs it.
     fn observe(&mut self, worlds: usize, out: &mut [f32]) -> Result<()>;
 
     /// One step of the worlds that play, with the actions `[agents, worlds, width]` of all. What is in `outcome` of the

@@ -160,6 +160,7 @@ impl Sweep {
             seed: self.settings.seed,
             worlds: self.worlds.min(self.settings.episodes as usize),
             longest_delay: links.longest_delay(),
+            tell_logits: false,
         };
         let (links, worlds) = (links.build(), settings.worlds);
         match self.place {

@@ -73,7 +73,7 @@ pub struct Decisions {
     pub ages: Vec<u8>,
     /// The policies' inputs, `[agents, worlds, joint]`.
     pub estimates: Vec<f32>,
-    /// `[agents, worlds, n_actions]`.
+    /// `[agents, worlds, n_actions]`; empty unless the agents' settings ask for them.
     pub logits: Vec<f32>,
     /// The agents that did not decide in time, bit by bit. Their actions are those of the tick before, or 0 if the
     /// episode has just begun; what else there is of them is old.

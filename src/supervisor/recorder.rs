@@ -7,6 +7,7 @@ use super::{Decisions, Observer, Stage, Tick};
 use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{End, Spec};
+use crate::failed;
 use crate::recording::{Episode, Header, RecordingFile};
 
 /// Writes down what the agents saw and thought, and what the worlds did.
@@ -40,6 +41,9 @@ impl Observer for Recorder {
     }
 
     fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
+        if decisions.logits.is_empty() && stage.spec().n_actions() > 0 {
+            return Err(failed!("a recording needs the logits; the team's settings must have `tell_logits`"));
+        }
         for world in stage.playing() {
             let (tick, episode) = (stage.tick(), &mut self.playing[world]);
             record_tick(stage.spec(), &tick, decisions, world, episode);

@@ -81,6 +81,7 @@ impl Trainer {
             seed: self.config.seed,
             worlds: self.config.update_every,
             longest_delay: self.config.links().longest_delay(),
+            tell_logits: false,
         }
     }
 

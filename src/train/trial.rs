@@ -81,6 +81,7 @@ fn play(
         seed: config.seed,
         worlds: config.test_episodes.min(WORLDS) as usize,
         longest_delay: 0,
+        tell_logits: false,
     };
     let first = FIRST_EPISODE + row as u64 * config.test_episodes;
     let links = Links::level(level);
