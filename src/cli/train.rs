@@ -122,7 +122,7 @@ Examples:
   vamaro-swarm train --algorithm ippo --set learning_rate=3e-4 --set share_actors=true --dry-run
   vamaro-swarm spawn --task hear-see --policy runs/hs-0 --p 0.2
 
-A run is killed or interrupted without harm: --resume ends with the very bits of a run that was left alone.";
+A run is killed or interrupted without harm: with --resume it is bit-identical to an uninterrupted run.";
 
 impl Train {
     /// Runs the command.
