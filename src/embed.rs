@@ -1,4 +1,4 @@
-//! What a program of one's own needs to run a swarm: its agents are that program, started again.
+//! What your own program needs to run a swarm: its agents are that program, started again.
 
 use std::io::Write;
 
@@ -8,15 +8,15 @@ use crate::base::error::Result;
 use crate::failed;
 use crate::supervisor::AgentCommand;
 
-/// How the settings of an agent begin, of whatever version: a program that took them for something else would start agents
-/// in its turn.
+/// How the settings of an agent begin, in every version. A program that did not recognise them would start agents of
+/// its own.
 const SETTINGS: &str = "{\"address\":";
 
-/// Runs an agent if this process was started for that, and never returns then. Otherwise notes that this program can be
-/// an agent, without which it starts no swarm of processes.
+/// If this process was started as an agent, runs the agent and exits. Otherwise notes that this program can run as an
+/// agent, and returns. Without that note a [`Swarm`](crate::Swarm) starts no processes of this program.
 ///
-/// This comes first in `main`: what stands before it each agent does too. An agent finds its imputer in `registry`, which
-/// must therefore be that of the [`Swarm`](crate::Swarm).
+/// Call it first in `main`: code before it runs in every agent too. An agent looks up its imputer in `registry`, so
+/// pass the one that the [`Swarm`](crate::Swarm) is built with.
 pub fn run_if_agent(registry: &Registry) {
     AgentCommand::allow_this_program();
     let words: Vec<_> = std::env::args_os().rev().take(2).collect();
@@ -24,7 +24,9 @@ pub fn run_if_agent(registry: &Registry) {
     let settings = settings.to_str().filter(|settings| what == "agent" && settings.starts_with(SETTINGS));
     let Some(settings) = settings else { return };
     let settings: Result<ProcessSettings> = serde_json::from_str(settings).map_err(|e| {
-        failed!("this program is no agent for the one that started it, which is another version: {e}")
+        failed!(
+            "the program that started this agent is another version; build both from the same source: {e}"
+        )
     });
     let run = |mut settings: ProcessSettings| {
         settings.settings.registry = registry.clone();

@@ -1,10 +1,10 @@
 //! vamaro-swarm: a swarm simulator whose agents are processes.
 //!
 //! ```text
-//!              supervisor (worlds, clock, seeds)
-//!               |  own observation, link rows          ^ action
+//!              supervisor (worlds, clock, seeds, links)
+//!               |  own observation, ages               ^ action
 //!               v                                      |
-//!   sensor -> bus (publish) -> bus (receive) -> link (delivered or lost)
+//!   sensor -> bus (publish) -> bus (receive) -> link (delivered, late or lost)
 //!          -> imputer (joint estimate) -> policy -> action -> world -> reward
 //! ```
 //!
@@ -38,25 +38,26 @@
 //! }
 //! ```
 //!
-//! What is played, over which links, and what stands for what is lost can all be your own: an
-//! [`Environment`](environment::Environment) (or a [`World`](environment::World), of which batches are made), a
-//! [`Link`](link::Link), an [`Imputer`](agent::Imputer) in the registry. `examples/` has a program for each. An
-//! [`Observer`](supervisor::Observer) looks on while episodes are played ([`Swarm::play_before`]). Who needs other parts
-//! puts them together as [`Swarm`] does: a [`Session`](supervisor::Session) plays with a [`Team`](supervisor::Team).
+//! You can bring your own [`Environment`](environment::Environment) (or a [`World`](environment::World), of which the
+//! library makes batches), your own [`Link`](link::Link), and your own [`Imputer`](agent::Imputer) in the registry.
+//! `examples/` has a program for each. An [`Observer`](supervisor::Observer) looks on while episodes are played
+//! ([`Swarm::play_before`]). If you need other parts, put them together as [`Swarm`] does: a
+//! [`Session`](supervisor::Session) plays with a [`Team`](supervisor::Team).
 //!
-//! A swarm ends when it is dropped, and its agents end with the program whatever happens. SIGINT, SIGTERM and SIGHUP stop a
-//! play in order once [`signals::install`](supervisor::signals::install) has been called; nothing needs it otherwise.
+//! A swarm ends when it is dropped, and its agents end with the program whatever happens. Call
+//! [`signals::install`](supervisor::signals::install) if SIGINT, SIGTERM and SIGHUP should end a play cleanly; nothing
+//! else needs it.
 //!
 //! # Rooms
 //!
-//! The rooms follow the way of one observation; each depends only on those above it. Those without a page are the insides
-//! of commands.
+//! The rooms follow the way of one observation; each depends only on those above it. Those without a page are the
+//! insides of commands.
 //!
 //! | room | what is in it |
 //! |---|---|
 //! | [`base`] | errors, files that appear whole, addressed draws, statistics, tables, threads, real-time hygiene |
 //! | [`environment`] | physics and tasks |
-//! | [`link`] | which observations reach whom: a trait, a file per model, a registry |
+//! | [`link`] | which observations reach whom, and when: a trait, a file per model, a registry |
 //! | [`nn`] | actor, predictor, kernels, policy file |
 //! | [`bus`] | messages in shared memory, and their in-process twin |
 //! | [`agent`] | the agent's side: inbox, imputer, policy, process |

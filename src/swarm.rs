@@ -1,4 +1,4 @@
-//! A swarm for a program of one's own: built from what it plays, with whom, and how.
+//! A swarm for programs of your own, and its builder.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -15,7 +15,7 @@ use crate::supervisor::{
 
 /// A swarm that plays episodes. Dropping it ends its agents and leaves nothing behind.
 ///
-/// It stays in the thread that built it. Its agents end with the process, not with that thread.
+/// It stays in the thread that built it. Its agents end when the process ends, not when that thread does.
 pub struct Swarm {
     session: Session,
     ledger: Ledger<'static>,
@@ -29,7 +29,7 @@ enum Agents {
     Gone,
 }
 
-/// What a [`Swarm`] is built from. Whatever is not said is as `vamaro-swarm spawn` has it.
+/// Builds a [`Swarm`]. What you do not set has the default of `vamaro-swarm spawn`.
 #[derive(Debug)]
 pub struct SwarmBuilder {
     environment: EnvironmentChoice,
@@ -45,7 +45,7 @@ pub struct SwarmBuilder {
     conduct: Conduct,
 }
 
-/// What is played: the name of a task, a [`Task`], or an [`Environment`] of one's own.
+/// What is played: the name of a task, a [`Task`], or an [`Environment`] of your own.
 #[derive(Debug)]
 pub struct EnvironmentChoice(Played);
 
@@ -55,7 +55,7 @@ enum Played {
     Environment(Box<dyn Environment>),
 }
 
-/// Which links there are: words such as `gilbert(0.1, 0.3) + delay(1)`, [`Links`], or a [`Link`] of one's own.
+/// The links: text such as `gilbert(0.1, 0.3) + delay(1)`, [`Links`], or a [`Link`] of your own.
 #[derive(Debug)]
 pub struct LinkChoice(Linked);
 
@@ -83,15 +83,15 @@ impl Swarm {
         }
     }
 
-    /// Plays so many more episodes; what has been counted of all so far.
+    /// Plays this many more episodes. Returns the statistics of all episodes so far.
     ///
     /// # Errors
-    /// Whatever the environment, the links or the agents fail with. The swarm has been taken down then.
+    /// Whatever the environment, the links or the agents fail with. The swarm is then down.
     pub fn play(&mut self, episodes: u64) -> Result<&Statistics> {
         self.play_before(episodes, &mut [])
     }
 
-    /// The same, while these look on.
+    /// The same, while these observers look on.
     ///
     /// # Errors
     /// As [`Swarm::play`]; whatever an observer fails with.
@@ -100,7 +100,7 @@ impl Swarm {
         let mut all: Vec<&mut dyn Observer> = vec![ledger];
         all.extend(observers.iter_mut().map(|observer| &mut **observer as &mut dyn Observer));
         let end = session.next_episode().saturating_add(episodes);
-        // What has panicked is not looked at again, but for what the ledger has counted of episodes before.
+        // Nothing is used again after a panic, except what the ledger has counted of earlier episodes.
         let played = catch_unwind(AssertUnwindSafe(|| match agents {
             Agents::Processes(team) => session.play(&mut **team, end, &mut all),
             Agents::Here(team) => session.play(&mut **team, end, &mut all),
@@ -113,7 +113,7 @@ impl Swarm {
         played.map(|()| self.ledger.statistics())
     }
 
-    /// What has been counted of the episodes so far.
+    /// The statistics of the episodes so far.
     pub fn statistics(&self) -> &Statistics {
         self.ledger.statistics()
     }
@@ -150,12 +150,12 @@ impl SwarmBuilder {
         SwarmBuilder { policy, ..self }
     }
 
-    /// What stands for lost observations, by its name in the registry or among the predictors of the policy.
+    /// The imputer, by its name in the registry or among the predictors of the policy.
     pub fn imputer(self, name: impl Into<String>) -> SwarmBuilder {
         SwarmBuilder { imputer: Some(name.into()), ..self }
     }
 
-    /// The imputers there are: the registry that [`run_if_agent`](crate::run_if_agent) is given.
+    /// The registry of imputers: the one that [`run_if_agent`](crate::run_if_agent) gets.
     pub fn registry(self, registry: &Registry) -> SwarmBuilder {
         SwarmBuilder { registry: registry.clone(), ..self }
     }
@@ -186,7 +186,7 @@ impl SwarmBuilder {
         self
     }
 
-    /// Plays against the clock, with so many ticks a second.
+    /// Plays against the clock, with this many ticks a second.
     pub fn rate(mut self, rate: f64) -> SwarmBuilder {
         self.conduct.rate = Some(rate);
         self
@@ -198,13 +198,13 @@ impl SwarmBuilder {
         self
     }
 
-    /// How long processes may take for what.
+    /// How long processes may take for each phase.
     pub fn deadlines(mut self, deadlines: Deadlines) -> SwarmBuilder {
         self.conduct.deadlines = deadlines;
         self
     }
 
-    /// Has agents say which logits they decide by, which a [`Recorder`](crate::supervisor::Recorder) needs.
+    /// Makes agents report the logits they decide by. A [`Recorder`](crate::supervisor::Recorder) needs them.
     pub fn recordable(self) -> SwarmBuilder {
         SwarmBuilder { recordable: true, ..self }
     }
@@ -215,16 +215,16 @@ impl SwarmBuilder {
         self
     }
 
-    /// Starts the swarm: returns when all its agents are ready.
+    /// Starts the swarm. Returns when all its agents are ready.
     ///
     /// # Errors
-    /// `Usage` if what was said makes no sense, such as a task, a model of links or an imputer that is not there; `Failed` if
-    /// agents are to be processes of this program, which has not called [`run_if_agent`](crate::run_if_agent); and whatever
-    /// starting them fails with.
+    /// `Usage` if a setting makes no sense, such as a task, a model of links or an imputer that does not exist.
+    /// `Failed` if agents are to be processes of this program, but it has not called
+    /// [`run_if_agent`](crate::run_if_agent). Otherwise whatever starting them fails with.
     pub fn build(self) -> Result<Swarm> {
         if self.worlds == 0 || self.conduct.rate.is_some_and(|rate| !(rate > 0.0 && rate.is_finite())) {
             return Err(crate::usage!(
-                "a swarm plays in 1 or more worlds, and with more than 0 ticks a second"
+                "a swarm needs 1 or more worlds, and a rate that is finite and above 0 ticks a second"
             ));
         }
         let environment = match self.environment.0 {

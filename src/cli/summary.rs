@@ -100,12 +100,12 @@ impl Summary<'_> {
         lines.into_iter().map(|(name, words)| format!("{name:<12}{words}\n")).collect()
     }
 
-    /// What links postponed, where they can.
+    /// The shares of all observations sent that links delayed, if they can delay.
     fn delay_words(&self, statistics: &Statistics) -> Option<String> {
         let (delayed, outdated) = statistics.delayed_rate().zip(statistics.outdated_rate())?;
         (self.settings.longest_delay > 0).then(|| {
             format!(
-                "{:.2} % of them arrived later, {:.2} % when newer ones had been seen",
+                "{:.2} % of the observations sent arrived later, {:.2} % too late: after a newer one",
                 100.0 * delayed,
                 100.0 * outdated
             )

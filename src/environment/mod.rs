@@ -1,8 +1,8 @@
 //! The worlds the swarm lives in.
 //!
-//! An [`Environment`] is a batch of worlds that a [`Session`](crate::supervisor::Session) plays; a [`Spec`] says what it is,
-//! as data. Whoever has one world writes a [`World`] and lets [`Worlds`] make a batch of it. A [`Task`] is an environment
-//! with a name: one line of the registry and one file per family.
+//! An [`Environment`] is a batch of worlds that a [`Session`](crate::supervisor::Session) plays. A [`Spec`] describes
+//! it, as data. If you have a single world, write a [`World`] and let [`Worlds`] make a batch of it. A [`Task`] is an
+//! environment with a name: one line of the registry and one file per family.
 //!
 //! Most tasks are point-mass agents on a plane. Lengths are metres, times seconds, masses kilograms; the state is
 //! `f64`, what agents observe is `f32`. The rules are those of the reference environments, down to the last
@@ -31,7 +31,7 @@ use crate::base::error::Result;
 
 /// A batch of worlds that play side by side, each its own episode.
 ///
-/// Stepping and observing allocate nothing. Any of it may fail where the outside can; that ends the play.
+/// The built-in ones allocate nothing in a step. An error of any method ends the play.
 pub trait Environment: Send {
     /// What it is.
     fn spec(&self) -> &Spec;
@@ -39,28 +39,28 @@ pub trait Environment: Send {
     /// How many worlds there are.
     fn worlds(&self) -> usize;
 
-    /// Starts the episode of this address in a world. The address alone decides how it begins.
+    /// Starts an episode in a world. Its seed and number alone decide how it begins.
     fn reset(&mut self, world: usize, seed: u64, episode: u64) -> Result<()>;
 
-    /// Writes what the agents of the first `worlds` worlds observe now, `[agents, worlds, observation]`, each observation
-    /// zero-padded behind its own [`Spec::obs_dim`]. A world whose episode is over goes on showing what there was to
-    /// see at its end: whoever learns from an episode that was cut off needs it.
+    /// Writes what the agents of the first `worlds` worlds observe now, `[agents, worlds, observation]`, each
+    /// observation zero-padded behind its own [`Spec::obs_dim`]. A world whose episode is over goes on showing its last
+    /// observations: training needs them if the episode was cut off.
     fn observe(&mut self, worlds: usize, out: &mut [f32]) -> Result<()>;
 
-    /// One step of the worlds that play, with the actions `[agents, worlds, width]` of all. What is in `outcome` of the
-    /// others stays as it is.
+    /// One step of the worlds that play, with the actions `[agents, worlds, width]` of all worlds. Leaves the `outcome`
+    /// of the other worlds as it is.
     ///
-    /// Nobody hands over an action that its agent does not have.
+    /// Every action is one that its agent has.
     fn step(&mut self, actions: &[u32], playing: &[bool], outcome: &mut Outcome) -> Result<()>;
 
-    /// What can be said of the state of a world, for recordings.
+    /// The state of a world, for recordings.
     fn state(&self, world: usize) -> State;
 
-    /// Puts a world into a given state, as if just reset there. What is still heard of the step before follows from
-    /// its actions, `[agents, width]`, if there was one.
+    /// Puts a world into a given state, as if just reset there. If there was a step before, `last_actions` are its
+    /// actions, `[agents, width]`: agents may still hear what was said in it.
     fn set_state(&mut self, world: usize, state: &State, last_actions: Option<&[u32]>) -> Result<()>;
 
-    /// Where the agents of a world are, m; none where they have no places.
+    /// Where the agents of a world are, m; empty if the environment has no places.
     fn positions(&self, world: usize) -> &[DVec2];
 }
 
@@ -73,7 +73,7 @@ pub struct Outcome {
     pub ends: Vec<End>,
 }
 
-/// Whether an episode goes on after a step. One that takes [`Spec::episode_steps`] is truncated there whatever is said.
+/// Whether an episode goes on after a step. After [`Spec::episode_steps`] steps an open episode is truncated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum End {
     /// It goes on.
@@ -85,7 +85,7 @@ pub enum End {
     Truncated,
 }
 
-/// The state of a world, as far as it has such things.
+/// The state of a world. What a world does not have stays empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     /// Where the agents are, m.

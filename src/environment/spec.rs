@@ -1,4 +1,4 @@
-//! What an environment says of itself: plain data, which travels to agents.
+//! The description of an environment: plain data, which travels to agents.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,17 +10,17 @@ use crate::base::rng::Draws;
 /// parts are what a predictor predicts; the common part is known to all. Dims count `f32` values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Spec {
-    /// The one name everything that is written down uses, such as `spread-xy-4`.
+    /// The name that is used in everything written down, such as `spread-xy-4`.
     pub id: String,
     /// The agents, in order.
     pub agents: Vec<AgentSpec>,
     /// Dims at the start of a padded observation that differ between agents.
     pub unique: usize,
-    /// What the values behind them are, which are the same for all agents.
+    /// The values behind them, which are the same for all agents.
     pub common: Vec<Value>,
     /// Landmarks in a world.
     pub landmarks: usize,
-    /// Steps of the longest episode: the time limit, which nothing in the world ends at.
+    /// Steps of the longest episode: a time limit, which is no end of the world.
     pub episode_steps: usize,
     /// Length of a step, s.
     pub dt: f64,
@@ -37,8 +37,8 @@ pub struct Spec {
 pub struct AgentSpec {
     /// What it is called.
     pub name: String,
-    /// What the values in front of its observation are that differ between agents; fewer than [`Spec::unique`] where the
-    /// rest is padding, which is zero.
+    /// The values at the start of its observation that differ between agents. If they are fewer than [`Spec::unique`],
+    /// the rest is padding, which is zero.
     pub observation: Vec<Value>,
     /// What it can do.
     pub actions: ActionSpace,
@@ -131,8 +131,8 @@ pub enum PaperSetting {
 }
 
 impl Spec {
-    /// An environment of these agents, all of whose values are theirs: episodes of 25 steps of 0.1 s, whose return is the
-    /// sum of what agents earn, without landmarks and places.
+    /// An environment of these agents, all of whose values are theirs: episodes of 25 steps of 0.1 s, whose return is
+    /// the sum of what agents earn, without landmarks and places.
     pub fn of(id: &str, agents: Vec<AgentSpec>) -> Spec {
         Spec {
             id: id.to_owned(),

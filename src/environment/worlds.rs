@@ -5,9 +5,9 @@ use glam::DVec2;
 use super::{End, Environment, Outcome, Spec, State};
 use crate::base::error::Result;
 
-/// One world of an environment. [`Worlds`] makes a batch of them; no dynamic call is left within.
+/// One world of an environment. [`Worlds`] makes a batch of them, without dynamic calls inside it.
 pub trait World: Send {
-    /// Starts the episode of this address.
+    /// Starts an episode. Its seed and number alone decide how it begins.
     fn reset(&mut self, seed: u64, episode: u64) -> Result<()>;
 
     /// Writes what `agent` observes now into `out`, zero-padded.
@@ -16,16 +16,16 @@ pub trait World: Send {
     /// One step with the agents' actions: writes what each agent earned.
     fn step(&mut self, actions: Actions, rewards: &mut [f64]) -> Result<End>;
 
-    /// What can be said of its state.
+    /// Its state, for recordings.
     fn state(&self) -> State {
         State::default()
     }
 
-    /// Puts it into a given state, as if just reset there. What is still heard of the step before follows from
-    /// its actions, if there was one.
+    /// Puts it into a given state, as if just reset there. If there was a step before, these are its actions: agents
+    /// may still hear what was said in it.
     fn set_state(&mut self, state: &State, last_actions: Option<Actions>) -> Result<()>;
 
-    /// Where the agents are, m; none where they have no places.
+    /// Where the agents are, m; empty if they have no places.
     fn positions(&self) -> &[DVec2] {
         &[]
     }
@@ -68,7 +68,7 @@ impl<'a> Actions<'a> {
 }
 
 impl<W: World> Worlds<W> {
-    /// So many worlds of the environment that `spec` describes, each made by `make`.
+    /// This many worlds of the environment that `spec` describes, each made by `make`.
     pub fn new(spec: Spec, worlds: usize, make: impl Fn(&Spec) -> W) -> Worlds<W> {
         let worlds = (0..worlds).map(|_| make(&spec)).collect();
         Worlds { width: spec.action_width(), spec, worlds }

@@ -1,14 +1,14 @@
-//! Links that take their time.
+//! Links that delay.
 
 use super::{Context, Domain, Fates, LONGEST_DELAY, Link, Model, Parameter};
 use crate::base::error::Result;
 use crate::base::rng::Purpose;
 use crate::usage;
 
-/// `delay(ticks, jitter)`: an observation arrives k ticks after it was sent, k uniform on ticks - jitter to ticks + jitter,
-/// and never below 0.
+/// `delay(ticks, jitter)`: an observation arrives k ticks after it was sent, k uniform on ticks - jitter to ticks +
+/// jitter, and never below 0.
 ///
-/// Each observation draws its own k, so a later one may overtake: what has been overtaken is not shown any more.
+/// Each observation draws its own k, so a later one may overtake an earlier one, which is then not shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Delay {
     ticks: u8,
@@ -29,15 +29,15 @@ pub(super) const MODEL: Model = Model {
 };
 
 impl Delay {
-    /// Links that take so many ticks, give or take the jitter.
+    /// Links that take this many ticks, give or take the jitter.
     ///
     /// # Errors
-    /// `Usage` if that can be more than [`LONGEST_DELAY`].
+    /// `Usage` if the two together are more than [`LONGEST_DELAY`].
     pub fn new(ticks: u8, jitter: u8) -> Result<Delay> {
         let longest = u32::from(ticks) + u32::from(jitter);
         if longest > LONGEST_DELAY.into() {
             return Err(usage!(
-                "ticks and jitter postpone by up to {longest} ticks, and messages are kept for {LONGEST_DELAY}"
+                "ticks and jitter postpone by up to {longest} ticks, but messages are kept for {LONGEST_DELAY}"
             ));
         }
         Ok(Delay { ticks, jitter })

@@ -12,8 +12,8 @@ use crate::usage;
 /// distribution, so that at every step, from the first one on, a link loses with probability p / (p + r); bursts of
 /// losses last 1 / r steps on average. With p + r = 1 nothing is remembered: `gilbert(1 - x, x)` is `level(x)`.
 ///
-/// A link is good if and only if `U < P(good)`, given its state at the step before, with the draw `U` that `level` takes.
-/// All states follow from the draws of the episode up to here, in whatever order steps are asked for.
+/// A link is good if and only if `U < P(good)`, given its state at the step before, with the draw `U` that `level`
+/// takes. All states follow from the draws of the episode so far, in whatever order steps are asked for.
 #[derive(Clone, Debug)]
 pub struct Gilbert {
     bad_to_good: f64,
@@ -49,10 +49,12 @@ impl Gilbert {
     /// Links that turn bad with probability p and good with probability r.
     ///
     /// # Errors
-    /// `Usage` if both are 0, so that no state ever changes and none is the usual one.
+    /// `Usage` if both are 0: then no state ever changes, and there is no stationary distribution to start from.
     pub fn new(p: f64, r: f64) -> Result<Gilbert> {
         if p + r == 0.0 {
-            return Err(usage!("p and r cannot both be 0: links would stay in a state that nothing says"));
+            return Err(usage!(
+                "p and r cannot both be 0: no link would ever change, and nothing says which begin good"
+            ));
         }
         let good_to_good = super::complement(p);
         Ok(Gilbert { bad_to_good: r, good_to_good, good: r / (p + r), worlds: Vec::new() })
@@ -147,8 +149,8 @@ mod tests {
     fn bursts_last_as_long_as_they_should() {
         for (r, expected) in [(0.5, 2.0), (0.25, 4.0)] {
             let losses = losses(&format!("gilbert(0.2, {r})"));
-            // Over all pairs of steps of which the first is bad: how often the second is good. Means of bursts within an
-            // episode would be cut short at its end.
+            // Over all pairs of steps of which the first is bad: how often the second is good. Means of bursts within
+            // an episode would be cut short at its end.
             let (mut bad, mut ended) = (0u32, 0u32);
             for episode in &losses {
                 for pair in episode.windows(2) {

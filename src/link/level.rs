@@ -6,7 +6,7 @@ use crate::base::rng::Purpose;
 
 /// `level(p)`: every link delivers with probability p, each observation by itself.
 ///
-/// A link is up if and only if `U < p`, with `U` drawn at (seed, episode, step, receiver, sender). The draw does not
+/// A link delivers if and only if `U < p`, with `U` drawn at (seed, episode, step, receiver, sender). The draw does not
 /// depend on p, so masks are nested: what is delivered at p is delivered at every higher p.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {

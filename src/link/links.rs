@@ -4,19 +4,19 @@ use super::{Address, Context, Fates, Level, Link};
 use crate::base::error::Result;
 use crate::usage;
 
-/// The links of a session: one after the other, each takes away from what the ones before it deliver.
+/// The links of a session, in a chain. Each may lose or postpone what the ones before it deliver.
 #[derive(Debug)]
 pub struct Links {
     chain: Vec<Box<dyn Link>>,
     share_at_start: bool,
 }
 
-/// The most ticks by which anything may be postponed: messages are kept for so long, in shared memory.
+/// The most ticks by which anything may be postponed. Messages are kept for that long, in shared memory.
 pub const LONGEST_DELAY: u8 = 100;
 
 impl Links {
     /// These links in this order. An observation is delivered if all of them deliver it, and their delays add up. At
-    /// t = 0 everything is delivered at once all the same (the paper's `comm_at_t0`).
+    /// t = 0 everything is delivered at once regardless (the paper's `comm_at_t0`).
     ///
     /// # Errors
     /// `Usage` if together they postpone by more than [`LONGEST_DELAY`] ticks.
@@ -24,7 +24,7 @@ impl Links {
         let longest: u32 = chain.iter().map(|link| u32::from(link.longest_delay())).sum();
         if longest > LONGEST_DELAY.into() {
             return Err(usage!(
-                "these links postpone by up to {longest} ticks, and messages are kept for {LONGEST_DELAY}; take \
+                "these links postpone by up to {longest} ticks, but messages are kept for {LONGEST_DELAY}; take \
                  shorter delays"
             ));
         }

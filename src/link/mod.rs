@@ -1,11 +1,11 @@
 //! Links: which observations reach whom, and when.
 //!
-//! A [`Link`] decides over everything that is sent at one step in one world, by draws whose address is the seed, the
-//! episode, the step, the receiver and the sender: fates can be reproduced from the seed alone. The supervisor asks it,
-//! and tells each agent only what becomes of what is sent to that agent.
+//! A [`Link`] decides over everything that is sent at one step in one world. Its draws are addressed by the seed, the
+//! episode, the step, the receiver and the sender, so fates can be reproduced from the seed alone. The supervisor asks
+//! it, and tells each agent only what arrives at that agent.
 //!
-//! Models have one file each and one line in the [registry](MODELS), by which [`LinkSpec`] reads
-//! `gilbert(0.1, 0.3) + level(0.9)`. Links of your own need no line there: [`Links::chain`] takes any.
+//! Each model has one file and one line in the [registry](MODELS), from which [`LinkSpec`] reads
+//! `gilbert(0.1, 0.3) + level(0.9)`. Links of your own need no such line: [`Links::chain`] takes any.
 
 mod asymmetric;
 mod delay;
@@ -37,10 +37,10 @@ use crate::usage;
 
 /// A model of links.
 ///
-/// It may keep a state in each world. It is asked at every step of an episode, in their order; what it answers must
-/// follow from the address and the episode alone, not from what other worlds do.
+/// It may keep a state in each world. It is asked at every step of an episode, in order. Its answers must follow from
+/// the address and the episode alone, not from what other worlds do.
 pub trait Link: std::fmt::Debug + Send {
-    /// An episode begins in this world, and what was remembered of the last one there is over.
+    /// An episode begins in this world: forget the last one there.
     fn begin(&mut self, _world: usize, _episode: u64) {}
 
     /// Loses and postpones what is sent at this step in this world.
@@ -104,7 +104,7 @@ impl<'a> Context<'a> {
     pub fn places(&self) -> Result<&'a [DVec2]> {
         self.positions.ok_or_else(|| {
             usage!(
-                "these links depend on where the agents are, and this environment has no places; take links \
+                "these links depend on where the agents are, but this environment has no places; take links \
                  without distances, such as level(0.5)"
             )
         })

@@ -25,12 +25,12 @@ pub struct Model {
     pub name: &'static str,
     /// What it does, in one line.
     pub about: &'static str,
-    /// What stands in its parentheses; those with a default come last.
+    /// Its parameters; those with a default come last.
     pub parameters: &'static [Parameter],
-    /// Makes one of an argument for each parameter, each in its domain.
+    /// Builds it from one argument for each parameter, each in its domain.
     ///
     /// # Errors
-    /// `Usage` if they do not go together.
+    /// `Usage` if the arguments do not go together.
     pub build: fn(&[Argument]) -> Result<Box<dyn Link>>,
 }
 
@@ -41,7 +41,7 @@ pub struct Parameter {
     pub name: &'static str,
     /// What it may be.
     pub domain: Domain,
-    /// What it is where nothing is said.
+    /// Its value if none is given.
     pub default: Option<f64>,
 }
 

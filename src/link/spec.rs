@@ -1,4 +1,4 @@
-//! Links as text says them: `gilbert(0.1, 0.3) + delay(1)`.
+//! Links as text: `gilbert(0.1, 0.3) + delay(1)`.
 
 use std::fmt;
 use std::path::Path;
@@ -8,7 +8,7 @@ use super::{CommunicationMatrix, Links};
 use crate::base::error::Result;
 use crate::usage;
 
-/// Models of the registry in a chain, each with its arguments: data, of which links are built.
+/// Models of the registry in a chain, each with its arguments: the data from which links are built.
 #[derive(Clone, Debug)]
 pub struct LinkSpec {
     /// There is at least one.
@@ -24,7 +24,7 @@ struct Part {
 
 impl LinkSpec {
     /// Reads models with their arguments in parentheses, in order or by name (`level(p=0.5)`), and `+` between them,
-    /// for a team of `agents`. The path of an existing file alone is a `matrix` of it.
+    /// for a team of `agents`. The path of an existing file alone means `matrix(FILE)`.
     ///
     /// # Errors
     /// `Usage` if there is no such model, its arguments are wrong, or the links cannot be built.
@@ -43,7 +43,7 @@ impl LinkSpec {
     /// Every link delivers with probability p.
     ///
     /// # Errors
-    /// `Usage` if it is none.
+    /// `Usage` if p is no probability.
     pub fn level(p: f64) -> Result<LinkSpec> {
         LinkSpec::parse(&format!("level({p})"), 1)
     }
@@ -78,7 +78,8 @@ impl LinkSpec {
         self.alone("matrix").map(|argument| &**argument.matrix())
     }
 
-    /// What recordings call the links: the name of a model whose p or matrix they hold beside it, else all of the text.
+    /// What recordings call the links: only the name for a model whose p or matrix they hold beside it, else all of the
+    /// text.
     pub fn recorded_name(&self) -> String {
         match &self.parts[..] {
             [part] if self.p().is_some() || self.matrix().is_some() => part.model.name.to_owned(),

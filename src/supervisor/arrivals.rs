@@ -1,4 +1,4 @@
-//! From what links do with an observation when it is sent to what arrives when.
+//! Which observation arrives when, given what the links decided when it was sent.
 
 use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
@@ -7,14 +7,14 @@ use crate::link::Fates;
 
 /// What is under way in one world.
 ///
-/// An observation that is sent at step t and postponed by k ticks arrives at t + k. Of several that arrive at once from one
-/// sender the newest is shown, and none that is older than what its receiver has already seen of that sender: links may
-/// overtake. What is under way when the episode ends is lost.
+/// An observation that is sent at step t and postponed by k ticks arrives at t + k. Observations may overtake each
+/// other. If several from one sender arrive at once, only the newest is shown. One that is older than what its receiver
+/// has already seen of that sender is not shown. What is under way when the episode ends is lost.
 #[derive(Clone, Debug)]
 pub(super) struct Arrivals {
     agents: usize,
-    /// The age at which the newest observation arrives at each of the steps to come, `[longest delay + 1, receiver, sender]`,
-    /// the present step at `step` modulo their number.
+    /// The age at which the newest observation arrives at each of the steps to come, `[longest delay + 1, receiver,
+    /// sender]`, the present step at `step` modulo their number.
     arriving: Vec<u8>,
     /// How many arrive beside a newer one, at each of these steps.
     overtaken: Vec<u64>,
@@ -47,11 +47,11 @@ impl Arrivals {
         self.step = 0;
     }
 
-    /// Sends what has these fates at the next step, and says how old what arrives at it is: `arrived(receiver, ages)`
-    /// gets an age per sender, or [`NOT_ARRIVED`].
+    /// Sends the observations of the next step with these fates, and tells what arrives at that step:
+    /// `arrived(receiver, ages)` gets an age per sender, or [`NOT_ARRIVED`].
     ///
     /// # Errors
-    /// `Failed` if something is postponed by more than was said.
+    /// `Failed` if something is postponed by more than the longest delay.
     pub(super) fn send(&mut self, fates: &Fates, mut arrived: impl FnMut(usize, &[u8])) -> Result<()> {
         let links = self.agents * self.agents;
         let steps = self.overtaken.len();
@@ -59,7 +59,8 @@ impl Arrivals {
             let ticks = usize::from(*fate);
             if ticks >= steps {
                 return Err(failed!(
-                    "links postponed an observation by {ticks} ticks, and said that {} are the most",
+                    "links postponed an observation by {ticks} ticks, but their longest delay is {}; correct \
+                     `longest_delay`",
                     steps - 1
                 ));
             }
@@ -152,6 +153,6 @@ mod tests {
         let mut fates = Fates::new(2);
         fates.postpone(1, 0, 3);
         let error = Arrivals::new(2, 2).send(&fates, |_, _| {}).unwrap_err().to_string();
-        assert!(error.contains("by 3 ticks, and said that 2 are the most"), "{error}");
+        assert!(error.contains("by 3 ticks, but their longest delay is 2"), "{error}");
     }
 }

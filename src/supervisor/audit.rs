@@ -19,11 +19,12 @@ pub struct Audit {
     pub delayed: u64,
     /// Imagined by the imputer alone.
     pub imputed: u64,
-    /// Parts that arrived by their links but did not reach the agent. There are none in lockstep.
+    /// Parts that the links delivered at this tick but the agent did not have when it decided. There are none in
+    /// lockstep.
     pub late: u64,
     /// Own, received or common parts that are not, bit by bit, what the sensor said.
     pub altered: u64,
-    /// Parts that reached the agent although they did not arrive, or at another age.
+    /// Parts that the agent had although the links did not deliver them at this tick, or that had another age.
     pub leaked: u64,
 }
 

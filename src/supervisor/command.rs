@@ -1,4 +1,4 @@
-//! Which program is run for an agent.
+//! The program that runs an agent.
 
 use std::ffi::OsString;
 use std::os::unix::process::CommandExt;
@@ -12,7 +12,7 @@ use crate::failed;
 /// This program, even if its file has been replaced since it started.
 const SELF: &str = "/proc/self/exe";
 
-/// Whether this program has said that it runs an agent when it is started for that.
+/// Whether this program has called [`run_if_agent`](crate::run_if_agent), so that it can run as an agent.
 static RUNS_AGENTS: AtomicBool = AtomicBool::new(false);
 
 /// The program that is run for an agent. Its last two words are `agent` and the settings, as JSON.
@@ -23,7 +23,7 @@ pub struct AgentCommand {
 }
 
 impl AgentCommand {
-    /// A program of one's own, which must do what [`run_if_agent`](crate::run_if_agent) does.
+    /// Another program, which must call [`run_if_agent`](crate::run_if_agent).
     pub fn new(program: impl Into<PathBuf>) -> AgentCommand {
         AgentCommand { program: program.into(), words: Vec::new() }
     }
@@ -37,19 +37,18 @@ impl AgentCommand {
     /// This very program.
     ///
     /// # Errors
-    /// `Failed` if it has not called [`run_if_agent`](crate::run_if_agent): started again, it would do what it does now, which
-    /// is to start agents.
+    /// `Failed` if it has not called [`run_if_agent`](crate::run_if_agent). It would start itself over and over.
     pub fn this_program() -> Result<AgentCommand> {
         if RUNS_AGENTS.load(Ordering::Relaxed) {
             return Ok(AgentCommand::new(SELF));
         }
         Err(failed!(
-            "agents are processes of this program, which does not say that it can be one; call \
+            "this program cannot start itself as an agent; call \
              `vamaro_swarm::run_if_agent` first thing in `main`, or name the program to run for an agent (AgentCommand)"
         ))
     }
 
-    /// Notes that this program runs an agent when it is started for that.
+    /// Notes that this program can run as an agent.
     pub(crate) fn allow_this_program() {
         RUNS_AGENTS.store(true, Ordering::Relaxed);
     }

@@ -1,11 +1,12 @@
-//! Who looks on while episodes are played.
+//! Observers: they look on while episodes are played.
 
 use std::time::Duration;
 
 use super::{Decisions, Stage};
 use crate::base::error::Result;
 
-/// Looks on while a [`Session`](super::Session) plays: a ledger, an audit, a recorder, a batch to learn from, a stopwatch.
+/// Looks on while a [`Session`](super::Session) plays: a ledger, an audit, a recorder, a batch to learn from, a
+/// stopwatch.
 ///
 /// ```text
 /// begin_episodes, then step by step: ticked, stepped; then last_ticked if somebody wants it, end_episodes
@@ -18,17 +19,17 @@ pub trait Observer {
         Ok(())
     }
 
-    /// The team has decided, `exchange` after it was given its observations. The worlds have not moved on yet.
+    /// The team has decided, which took `exchange` from its observations on. The worlds have not taken the step yet.
     fn ticked(&mut self, _stage: &Stage, _decisions: &Decisions, _exchange: Duration) -> Result<()> {
         Ok(())
     }
 
-    /// The worlds have moved on.
+    /// The worlds have taken the step.
     fn stepped(&mut self, _stage: &Stage, _decisions: &Decisions) -> Result<()> {
         Ok(())
     }
 
-    /// Whether the team shall be given the observations after the last step as well. Nobody carries out what it decides.
+    /// Whether to give the team the observations after the last step as well. What it then decides is not carried out.
     fn wants_last_tick(&self) -> bool {
         false
     }
@@ -43,7 +44,7 @@ pub trait Observer {
         Ok(())
     }
 
-    /// Whether the play shall end before the next tick, whatever is unfinished then.
+    /// Whether to end the play before the next tick, even if episodes are unfinished.
     fn has_seen_enough(&self) -> bool {
         false
     }

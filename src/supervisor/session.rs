@@ -1,4 +1,4 @@
-//! Playing episodes: the phases of a tick by name.
+//! Playing episodes: each phase of a tick, by name.
 
 use std::time::Instant;
 
@@ -35,8 +35,8 @@ impl Session {
     /// Plays all episodes numbered below `end` that it has not played, or until an observer has seen enough.
     ///
     /// # Errors
-    /// `Usage` if the links postpone by more than the team was started for; `Interrupted` if the program was asked to stop;
-    /// whatever the team or an observer fails with.
+    /// `Usage` if the links postpone by more than the team was started for; `Interrupted` if the program was asked to
+    /// stop; whatever the team or an observer fails with.
     pub fn play(
         &mut self,
         team: &mut impl Team,
@@ -46,7 +46,7 @@ impl Session {
         let (links, kept) = (self.stage.longest_delay(), team.longest_delay());
         if links > kept {
             return Err(usage!(
-                "these links postpone by up to {links} ticks, and this team keeps observations for {kept}; start it with \
+                "these links postpone by up to {links} ticks, but this team keeps observations for {kept}; start it with \
                  settings whose `longest_delay` is {links}"
             ));
         }

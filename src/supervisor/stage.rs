@@ -91,7 +91,7 @@ impl Stage {
         self.links.longest_delay()
     }
 
-    /// How many observations turned out at this tick to be older than what their receivers see, and are not shown.
+    /// How many observations at this tick are older than what their receivers have seen, and so are not shown.
     pub fn outdated(&self, world: usize) -> u64 {
         self.arrivals[world].outdated()
     }
@@ -173,10 +173,10 @@ impl Stage {
         self.environment.observe(self.playing.len(), &mut self.observations)
     }
 
-    /// Draws what becomes of what is sent at this step, and with it what arrives.
+    /// Draws what becomes of the observations sent at this step, and works out which arrive.
     ///
     /// # Errors
-    /// What the links fail with, and if they postpone by more than they said.
+    /// Whatever the links fail with; `Failed` if they postpone by more than their longest delay.
     pub fn draw_links(&mut self) -> Result<()> {
         let (agents, worlds) = (self.spec.n_agents(), self.worlds());
         let bytes = self.spec.padded_obs_dim() * size_of::<f32>();

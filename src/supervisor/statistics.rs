@@ -14,12 +14,12 @@ pub struct EpisodeStatistics {
     pub delivered: u64,
     /// Those of them that links had postponed.
     pub delayed: u64,
-    /// Observations that arrived when newer ones of the same sender had been seen, at t >= 1, and were not shown.
+    /// Observations that arrived after a newer one from the same sender, at t >= 1, and so were not passed on.
     pub outdated: u64,
     /// Observations sent, over i != j and t >= 1, to agents that decided in time: all of them in lockstep.
     pub sent: u64,
-    /// Observations whose links were up and that were not used all the same, over i != j and t >= 1. There are none in
-    /// lockstep.
+    /// Observations that the links delivered but the agents did not have when they decided, over i != j and t >= 1.
+    /// There are none in lockstep.
     pub late: u64,
     /// Decisions that were due.
     pub due: u64,
@@ -88,22 +88,22 @@ impl Statistics {
         (sent > 0).then(|| delivered as f64 / sent as f64)
     }
 
-    /// Share of observations that were delivered after links had postponed them, over i != j and t >= 1; `None` for a team
-    /// of one.
+    /// Share of observations that were delivered after links had postponed them, over i != j and t >= 1; `None` for a
+    /// team of one.
     pub fn delayed_rate(&self) -> Option<f64> {
         let EpisodeStatistics { delayed, sent, .. } = self.total;
         (sent > 0).then(|| delayed as f64 / sent as f64)
     }
 
-    /// Share of observations that links had postponed until newer ones had been seen, over i != j and t >= 1; `None` for a
+    /// Share of observations that arrived after a newer one from the same sender, over i != j and t >= 1; `None` for a
     /// team of one.
     pub fn outdated_rate(&self) -> Option<f64> {
         let EpisodeStatistics { outdated, sent, .. } = self.total;
         (sent > 0).then(|| outdated as f64 / sent as f64)
     }
 
-    /// Share of observations that the links dropped, over i != j and t >= 1; `None` for a team of one. What was under way
-    /// when an episode ended is dropped.
+    /// Share of observations that the links dropped, over i != j and t >= 1; `None` for a team of one. What was under
+    /// way when an episode ended is dropped.
     pub fn dropped_rate(&self) -> Option<f64> {
         let EpisodeStatistics { delivered, outdated, late, sent, .. } = self.total;
         (sent > 0).then(|| sent.saturating_sub(delivered + outdated + late) as f64 / sent as f64)

@@ -1,8 +1,8 @@
 //! A thread that starts the processes of a swarm, and notices when one of them ends.
 //!
-//! It starts them because the signal by which they go when we go follows the *thread* that started a process, not the
-//! process of that thread. It notices by pidfd, one for each: that takes no signal handler of a program that is not ours,
-//! and two swarms in one program do not take each other's dead.
+//! The thread must start them itself: the kernel's parent-death signal, which ends agents with their program, is sent
+//! when the *thread* that started them ends. It notices ends by pidfd, one for each process. So it takes no signal
+//! handler from the program around it, and two swarms in one program do not reap each other's agents.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -18,13 +18,13 @@ use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use crate::base::error::Result;
 use crate::failed;
 
-/// A process that has been started, and what tells that it has ended.
+/// A process that has been started, and the pidfd that tells when it has ended.
 pub(super) type Started = (Child, Arc<OwnedFd>);
 
 /// Starts processes and watches them. It must live as long as they do: they are killed when its thread ends.
 #[derive(Debug)]
 pub(super) struct Watcher {
-    /// `None` once the thread shall end.
+    /// `None` once the thread is to end.
     commands: Option<Sender<Command>>,
     started: Receiver<io::Result<Started>>,
     /// Rung when there is a command, and when there will be none.
@@ -44,7 +44,7 @@ struct Watch<T> {
 }
 
 impl Watcher {
-    /// A watcher of nobody yet. Its thread will call `tell` after a process has ended.
+    /// A watcher without processes. Its thread calls `tell` after a process has ended.
     pub(super) fn new(tell: impl FnMut() + Send + 'static) -> Result<Watcher> {
         let bell = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
         let bell = Arc::new(bell.map_err(|e| failed!("cannot watch processes: {e}"))?);
@@ -115,7 +115,7 @@ impl<T: FnMut()> Watch<T> {
         }
     }
 
-    /// Sleeps until the bell rings or a process ends; whether one has. It is not watched any more.
+    /// Sleeps until the bell rings or a process ends. Returns whether one has ended; it is no longer watched.
     fn wait(&mut self) -> bool {
         let files = std::iter::once(&self.bell).chain(&self.processes);
         let mut polled: Vec<PollFd> = files.map(|file| PollFd::new(file, PollFlags::IN)).collect();

@@ -30,7 +30,7 @@ Examples:
 
 The built-in policies play the same episodes with the same links in lockstep and at each rate.
 Lost: what a team's return falls short of its return in lockstep, mean over the episodes with its
-95 % interval. Late: observations whose links were up and that had not arrived at the deadline, of
+95 % interval. Late: observations that links delivered but agents lacked at the deadline, of
 all that were sent to agents that decided in time. Missed: decisions that were not out at the end of
 the period, of all; the last action was repeated. Left out: periods whose deadlines passed before
 they could begin, of all; the worlds stand still, so what is reached falls short of the rate asked
