@@ -188,7 +188,7 @@ impl Agent {
         (self.moment, self.has_predicted) = (Some((episode, step)), false);
         self.actions.clear();
         let estimates = &self.estimates[..worlds * self.spec.joint_dim()];
-        let n_actions = self.spec.n_actions();
+        let n_actions = self.n_actions();
         let logits = &mut self.logits[..worlds * n_actions];
         self.actor.forward(worlds, estimates, &mut self.state, &mut self.scratch, logits);
         let available = self.spec.available_actions(self.index);
@@ -251,7 +251,12 @@ impl Agent {
 
     /// The logits they were chosen by, `[worlds, n_actions]`.
     pub fn logits(&self) -> &[f32] {
-        &self.logits[..self.actions.len() * self.spec.n_actions()]
+        &self.logits[..self.actions.len() * self.n_actions()]
+    }
+
+    /// How many logits there are in a world. The spec would go through all agents for that, in every tick.
+    fn n_actions(&self) -> usize {
+        self.logits.len() / self.worlds
     }
 }
 
