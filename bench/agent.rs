@@ -7,7 +7,8 @@ use criterion::{Criterion, criterion_group, criterion_main};
 
 use vamaro_swarm::agent::{Agent, AgentSettings, Inbox, PREFERRED, Received, dims};
 use vamaro_swarm::environment::Task;
-use vamaro_swarm::nn::{ActorKind, Networks, Policy, kernels, reference};
+use vamaro_swarm::nn::reference::CandleNetwork;
+use vamaro_swarm::nn::{ActorKind, Networks, Policy, kernels};
 
 /// Numbers in [-1, 1] without a pattern that matters.
 fn numbers(len: usize) -> Vec<f32> {
@@ -44,10 +45,10 @@ fn pieces(c: &mut Criterion) {
             c.bench_function(&format!("predict, {kind}, {worlds} worlds"), |bencher| {
                 bencher.iter(|| agent.predict())
             });
-            let mut actor = reference::CandleActor::new(&policy, 0, worlds);
+            let mut actor = CandleNetwork::actor(&policy, 0, worlds);
             let inputs = numbers(worlds * task.spec().joint_dim());
             c.bench_function(&format!("candle's actor, {kind}, {worlds} worlds"), |bencher| {
-                bencher.iter(|| actor.forward(worlds, &inputs))
+                bencher.iter(|| actor.step(worlds, &inputs, &[]))
             });
         }
     }

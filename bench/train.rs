@@ -6,8 +6,8 @@ use criterion::{Criterion, criterion_group, criterion_main};
 
 use vamaro_swarm::agent::dims;
 use vamaro_swarm::environment::Task;
-use vamaro_swarm::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, critic_tensors};
-use vamaro_swarm::train::network::{Kind, Network};
+use vamaro_swarm::nn::{ActorKind, Network, Networks, PredictorSpec, Sharing, critic};
+use vamaro_swarm::train::network::Passes;
 use vamaro_swarm::train::{Backend, Batch, Ends, Learner, Parameters, Settings};
 
 /// Steps of an episode of every built-in task.
@@ -27,17 +27,17 @@ fn numbers(len: usize) -> Vec<f32> {
 }
 
 /// Forward and backward once: what an epoch asks of a network besides its step.
-fn pass(c: &mut Criterion, name: &str, kind: Kind, specs: Vec<TensorSpec>, steps: usize) {
-    let mut parameters = Parameters::untrained(specs, 1);
+fn pass(c: &mut Criterion, name: &str, network: &Network, steps: usize) {
+    let mut parameters = Parameters::untrained(network, 1);
     let x = numbers(steps * EPISODES * parameters.specs[0].shape[0]);
     for backend in BACKENDS {
-        let mut network = Network::new(backend, kind, &parameters.specs);
-        let d = numbers(network.forward(&parameters.values, steps, EPISODES, &x).len());
+        let mut passes = Passes::new(backend, network);
+        let d = numbers(passes.forward(&parameters.values, steps, EPISODES, &x).len());
         let Parameters { values, gradient, .. } = &mut parameters;
         c.bench_function(&format!("{name}, {backend:?}"), |bencher| {
             bencher.iter(|| {
-                network.forward(values, steps, EPISODES, &x);
-                network.backward(values, steps, EPISODES, &x, &d, gradient);
+                passes.forward(values, steps, EPISODES, &x);
+                passes.backward(values, &x, &d, gradient);
             })
         });
     }
@@ -47,15 +47,15 @@ fn pieces(c: &mut Criterion) {
     for (kind, task) in SETTINGS {
         let (task, networks) = (Task::parse(task).expect("a task"), Networks::paper(kind));
         let (dims, id) = (dims(task.spec()), task.id());
-        let actor = networks.actor_tensors(0, &dims);
-        pass(c, &format!("actor epoch, {kind}, {id}"), kind.into(), actor.clone(), EPISODE_STEPS);
+        let actor = networks.actor(0, &dims);
+        pass(c, &format!("actor epoch, {kind}, {id}"), &actor, EPISODE_STEPS);
         let inputs = task.spec().n_agents() * task.spec().padded_obs_dim();
-        let critic = critic_tensors(Sharing::Separate, 0, inputs, networks.hidden);
-        pass(c, &format!("critic epoch, {id}"), Kind::Mlp, critic, EPISODE_STEPS);
-        let predictor = PredictorSpec::paper("maro").tensors(&dims);
-        pass(c, &format!("predictor step, {id}"), Kind::Lstm, predictor, EPISODE_STEPS - 1);
+        let critic = critic(Sharing::Separate, 0, inputs, networks.hidden);
+        pass(c, &format!("critic epoch, {id}"), &critic, EPISODE_STEPS);
+        let predictor = PredictorSpec::paper("maro").network(&dims);
+        pass(c, &format!("predictor step, {id}"), &predictor, EPISODE_STEPS - 1);
 
-        let mut parameters = Parameters::untrained(actor, 1);
+        let mut parameters = Parameters::untrained(&actor, 1);
         parameters.gradient.each_mut().flatten().zip(numbers(1 << 20)).for_each(|(g, value)| *g = value);
         c.bench_function(&format!("Adam, actor, {kind}, {id}"), |bencher| {
             bencher.iter(|| parameters.step(1e-4, 1.0))

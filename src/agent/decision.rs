@@ -11,7 +11,7 @@ use crate::base::rng::{Draws, Purpose};
 use crate::bus::Layout;
 use crate::environment::Spec;
 use crate::failed;
-use crate::nn::{Actor, ActorState, Policy, Scratch};
+use crate::nn::{Inference, NetworkState, Policy, Scratch};
 
 /// What every agent of a team runs with.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -79,11 +79,11 @@ pub struct Agent {
     imputer: Box<dyn Imputer>,
     /// Whether it has been told of the last decision.
     has_predicted: bool,
-    actor: Actor,
+    actor: Inference,
     /// Where the actor is in the weights of the policy, and how many these are.
     weights: Range<usize>,
     policy_weights: usize,
-    state: ActorState,
+    state: NetworkState,
     scratch: Scratch,
     /// The policy's input, `[worlds, joint]`.
     estimates: Vec<f32>,
@@ -171,7 +171,7 @@ impl Agent {
 
     /// Forgets the last episode: one starts in this many worlds.
     pub fn begin_episode(&mut self, worlds: usize) {
-        self.state.start(&self.actor, worlds);
+        self.state.start(worlds);
         self.moment = None;
         self.imputer.begin_episodes(worlds);
     }
@@ -190,7 +190,7 @@ impl Agent {
         let estimates = &self.estimates[..worlds * self.spec.joint_dim()];
         let n_actions = self.n_actions();
         let logits = &mut self.logits[..worlds * n_actions];
-        self.actor.forward(worlds, estimates, &mut self.state, &mut self.scratch, logits);
+        self.actor.step(worlds, estimates, &[], &mut self.state, &mut self.scratch, logits);
         let available = self.spec.available_actions(self.index);
         for (world, logits) in logits.chunks_exact(n_actions).enumerate() {
             let logits = &logits[..available];

@@ -8,7 +8,7 @@ use crate::agent::JointLayout;
 use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{Spec, Unit, Value};
-use crate::nn::{Dims, LstmState, Policy, Predictor, Scratch, Sigma};
+use crate::nn::{Dims, NetworkState, Policy, Predictor, Scratch, Sigma};
 use crate::supervisor::{Decisions, Observer, Stage, Tick};
 
 /// Half the width of the central 50 % and 95 % intervals of a normal distribution, in sigma.
@@ -44,7 +44,7 @@ struct Expectation {
     dims: Dims,
     /// What each row's agent does, by its number among the team's actions.
     acts: Vec<usize>,
-    state: LstmState,
+    state: NetworkState,
     scratch: Scratch,
     /// `[agents, worlds, 2, predicted]`.
     out: Vec<f32>,
@@ -85,7 +85,7 @@ impl ErrorLedger {
         restart(&mut self.ages, rows * self.layout.agents, None);
         restart(&mut self.open, worlds * self.finished.len(), AgeErrors::default());
         if let Some(expectation) = &mut self.expectation {
-            expectation.state.start(&expectation.predictor, rows);
+            expectation.state.start(rows);
             let values = rows * self.layout.predicted();
             restart(&mut expectation.variances, values, 0.0);
             expectation.changes.resize_with(longest_delay.into(), Vec::new);

@@ -1,8 +1,8 @@
 //! The networks: what an agent decides and imputes with, and the file they are kept in.
 //!
 //! ```text
-//!     joint estimate -> Actor     -> logits            (what to do)
-//!     joint estimate -> Predictor -> mean of the delta (what the others will observe next)
+//!     joint estimate -> actor     -> logits            (what to do)
+//!     joint estimate -> predictor -> mean of the delta (what the others will observe next)
 //! ```
 //!
 //! A [`Policy`] holds the actors of all agents and any number of named predictors. It is [read](Policy::open)
@@ -10,12 +10,12 @@
 //! or [untrained](Policy::untrained). Networks run on flat f32 weights with state and scratch of the caller:
 //! no allocation, no threads, and every row independent of the rows computed with it.
 
-pub mod actor;
 mod file;
 mod import;
+mod inference;
 pub mod kernels;
-mod layers;
 mod meta;
+mod network;
 mod networks;
 pub mod policy;
 pub mod predictor;
@@ -25,18 +25,18 @@ mod state_dict;
 mod tests;
 mod weights;
 
-pub use actor::{Actor, ActorState};
 pub use file::{PolicyFile, Precision};
 pub(crate) use file::{map, write_tensors};
 pub use import::import;
 pub(crate) use import::key;
-pub use layers::Scratch;
+pub use inference::{Inference, NetworkState, Scratch};
 pub use meta::Meta;
+pub use network::{Layer, Network, TensorSpec};
 #[cfg(test)]
 pub(crate) use networks::NAMED_OTHERWISE;
-pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, TensorSpec, critic_tensors};
+pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, critic};
 pub use policy::Policy;
-pub use predictor::{LstmState, Predictor};
+pub use predictor::Predictor;
 pub(crate) use weights::Line;
 pub use weights::{Aligned, Tensor};
 

@@ -1,7 +1,8 @@
-//! Which networks a policy is made of, and the tensors that follow from it.
+//! Which networks a policy is made of, and what each of them is made of.
 
 use super::Dims;
-use crate::base::rng::{Draws, MAX_AGENTS, Purpose};
+use super::network::{Layer, Network, TensorSpec};
+use crate::base::rng::MAX_AGENTS;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -124,21 +125,6 @@ mod one_or_list {
     }
 }
 
-/// A tensor that a policy must have.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TensorSpec {
-    /// Its name, such as `actors.0.fc1.weight`.
-    pub name: String,
-    /// Its shape; a weight is `[inputs, outputs]`, a bias `[outputs]`.
-    pub shape: Vec<usize>,
-    /// Untrained values are uniform between minus and plus this (PyTorch's defaults).
-    pub bound: f64,
-    /// The address of its untrained values. It counts inside a network: adding an agent or a predictor
-    /// changes no other network's weights, and all predictors start from the same ones, so that what they
-    /// come to is compared like with like.
-    pub number: u64,
-}
-
 /// No hidden layer of a policy is larger than this.
 const MAX_HIDDEN: usize = 1 << 14;
 
@@ -156,31 +142,26 @@ impl Networks {
             Sharing::Separate => dims.n_agents,
             Sharing::Shared => 1,
         };
-        let actors = (0..copies).flat_map(|agent| self.actor_tensors(agent, dims));
-        actors.chain(self.predictors.iter().flat_map(|predictor| predictor.tensors(dims))).collect()
+        let actors = (0..copies).map(|agent| self.actor(agent, dims));
+        let predictors = self.predictors.iter().map(|predictor| predictor.network(dims));
+        actors.chain(predictors).flat_map(|network| network.tensors()).collect()
     }
 
-    /// The tensors of this agent's actor: `fc1`, then `fc2` or `gru`, then `out`, each weight before its bias.
-    pub fn actor_tensors(&self, agent: usize, dims: &Dims) -> Vec<TensorSpec> {
-        let mut list = match self.sharing {
-            Sharing::Separate => List::of(self.actor_prefix(agent), agent),
-            Sharing::Shared => List::of(self.actor_prefix(agent), 0),
+    /// The actor of this agent, from the joint estimate, and an id where all share it, to logits:
+    /// `fc1 -> { fc2 | gru } -> out`.
+    pub fn actor(&self, agent: usize, dims: &Dims) -> Network {
+        let (hidden, inputs, ones) = (self.hidden, dims.joint, self.sharing.id_len(dims));
+        let (name, number) = match self.sharing {
+            Sharing::Separate => (format!("actors.{agent}"), agent),
+            Sharing::Shared => ("actors.shared".to_string(), 0),
         };
-        list.linear("fc1", dims.joint + self.sharing.id_len(dims), self.hidden);
-        match self.actor {
-            ActorKind::Mlp => list.linear("fc2", self.hidden, self.hidden),
-            ActorKind::Gru => list.cell("gru", 3, self.hidden),
-        }
-        list.linear("out", self.hidden, dims.n_actions);
-        list.tensors
-    }
-
-    /// The first part of the tensor names of this agent's actor.
-    pub(super) fn actor_prefix(&self, agent: usize) -> String {
-        match self.sharing {
-            Sharing::Separate => format!("actors.{agent}"),
-            Sharing::Shared => "actors.shared".to_string(),
-        }
+        let middle = match self.actor {
+            ActorKind::Mlp => Layer::relu("fc2", hidden, hidden),
+            ActorKind::Gru => Layer::Gru(hidden),
+        };
+        let first = Layer::relu("fc1", inputs + ones, hidden);
+        let layers = vec![first, middle, Layer::linear("out", hidden, dims.n_actions)];
+        Network { name, number, inputs, ones, layers }
     }
 
     /// Says what is wrong with this description by itself.
@@ -238,23 +219,14 @@ impl PredictorSpec {
         self.inputs.contains(&Input::OwnAction)
     }
 
-    /// The number of values that it sees.
-    pub fn width(&self, dims: &Dims) -> usize {
-        dims.joint + if self.sees_own_action() { dims.n_agents * dims.n_actions } else { 0 }
-    }
-
-    /// Its tensors: those of `fc1`, `lstm` and `out`, each weight before its bias.
-    pub fn tensors(&self, dims: &Dims) -> Vec<TensorSpec> {
-        let mut list = List::of(self.prefix(), MAX_AGENTS);
-        list.linear("fc1", self.width(dims), self.hidden);
-        list.cell("lstm", 4, self.hidden);
-        list.linear("out", self.hidden, 2 * dims.predicted);
-        list.tensors
-    }
-
-    /// The first part of the names of its tensors.
-    pub(super) fn prefix(&self) -> String {
-        format!("predictors.{}", self.name)
+    /// Its network, from the joint estimate, and what the agent does if it sees that, to mean and raw log-std of every
+    /// predicted dim: `fc1 -> lstm -> out`.
+    pub fn network(&self, dims: &Dims) -> Network {
+        let (hidden, inputs) = (self.hidden, dims.joint);
+        let ones = if self.sees_own_action() { dims.n_agents * dims.n_actions } else { 0 };
+        let first = Layer::relu("fc1", inputs + ones, hidden);
+        let layers = vec![first, Layer::Lstm(hidden), Layer::linear("out", hidden, 2 * dims.predicted)];
+        Network { name: format!("predictors.{}", self.name), number: MAX_AGENTS, inputs, ones, layers }
     }
 }
 
@@ -266,18 +238,16 @@ fn check_inputs(inputs: &[Input]) -> Result<(), String> {
     }
 }
 
-/// The tensors of the critic of an agent, or of all, which sees `inputs` values and has two layers of
-/// `hidden`: `fc1`, `fc2` and `out`, each weight before its bias. No policy has them.
-pub fn critic_tensors(sharing: Sharing, agent: usize, inputs: usize, hidden: usize) -> Vec<TensorSpec> {
+/// The critic of an agent, or of all, from `inputs` values to one: `fc1 -> fc2 -> out`. No policy has one.
+pub fn critic(sharing: Sharing, agent: usize, inputs: usize, hidden: usize) -> Network {
     let first = MAX_AGENTS + 1;
-    let mut list = match sharing {
-        Sharing::Separate => List::of(format!("critics.{agent}"), first + agent),
-        Sharing::Shared => List::of("critics.shared".to_string(), first),
+    let (name, number) = match sharing {
+        Sharing::Separate => (format!("critics.{agent}"), first + agent),
+        Sharing::Shared => ("critics.shared".to_string(), first),
     };
-    list.linear("fc1", inputs, hidden);
-    list.linear("fc2", hidden, hidden);
-    list.linear("out", hidden, 1);
-    list.tensors
+    let hidden_layers = [Layer::relu("fc1", inputs, hidden), Layer::relu("fc2", hidden, hidden)];
+    let layers = hidden_layers.into_iter().chain([Layer::linear("out", hidden, 1)]).collect();
+    Network { name, number, inputs, ones: 0, layers }
 }
 
 impl Sharing {
@@ -287,53 +257,5 @@ impl Sharing {
             Sharing::Separate => 0,
             Sharing::Shared => dims.n_agents,
         }
-    }
-}
-
-impl TensorSpec {
-    /// Its untrained values, drawn at the address (`seed`, [`Purpose::Weights`], [number](Self::number)).
-    pub fn untrained(&self, seed: u64) -> impl Iterator<Item = f32> {
-        let mut draws = Draws::new(seed, Purpose::Weights, self.number, 0);
-        (0..self.n_values()).map(move |_| draws.between(-self.bound, self.bound) as f32)
-    }
-
-    /// The number of values.
-    pub fn n_values(&self) -> usize {
-        self.shape.iter().product()
-    }
-}
-
-/// The tensors of a network so far, and what the next ones are called and numbered.
-struct List {
-    tensors: Vec<TensorSpec>,
-    prefix: String,
-    number: u64,
-}
-
-impl List {
-    fn of(prefix: String, network: usize) -> List {
-        const TENSORS_PER_NETWORK: u64 = 16;
-        List { tensors: Vec::new(), prefix, number: network as u64 * TENSORS_PER_NETWORK }
-    }
-
-    fn linear(&mut self, layer: &str, inputs: usize, outputs: usize) {
-        self.push(layer, "weight", vec![inputs, outputs], inputs);
-        self.push(layer, "bias", vec![outputs], inputs);
-    }
-
-    /// A recurrent cell whose input is as wide as its hidden state, as all of them are here.
-    fn cell(&mut self, layer: &str, gates: usize, hidden: usize) {
-        self.push(layer, "weight_ih", vec![hidden, gates * hidden], hidden);
-        self.push(layer, "weight_hh", vec![hidden, gates * hidden], hidden);
-        self.push(layer, "bias_ih", vec![gates * hidden], hidden);
-        self.push(layer, "bias_hh", vec![gates * hidden], hidden);
-    }
-
-    /// `fan_in` is what PyTorch's initialisation takes the inverse square root of.
-    fn push(&mut self, layer: &str, tensor: &str, shape: Vec<usize>, fan_in: usize) {
-        let name = format!("{}.{layer}.{tensor}", self.prefix);
-        let bound = 1.0 / (fan_in as f64).sqrt();
-        self.tensors.push(TensorSpec { name, shape, bound, number: self.number });
-        self.number += 1;
     }
 }

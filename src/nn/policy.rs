@@ -1,10 +1,10 @@
 //! A policy: the actors of all agents, and the predictors that keep their joint estimate alive.
 
-use super::actor::{Actor, Middle};
 use super::file::{self, PolicyFile, Precision};
-use super::layers::{Linear, Recurrent};
+use super::inference::Inference;
 use super::meta::Meta;
-use super::networks::{ActorKind, Networks, Sharing, TensorSpec};
+use super::network::{Network, TensorSpec};
+use super::networks::{Networks, Sharing};
 use super::predictor::Predictor;
 use super::weights::{Storage, Tensor};
 use super::{Dims, PredictorSpec};
@@ -22,7 +22,7 @@ pub struct Policy {
     networks: Networks,
     dims: Dims,
     tensors: Vec<(TensorSpec, Tensor)>,
-    actors: Vec<Actor>,
+    actors: Vec<Inference>,
     predictors: Vec<Predictor>,
 }
 
@@ -152,7 +152,7 @@ impl Policy {
     }
 
     /// The actor of this agent, which must be one of the task's.
-    pub fn actor(&self, agent: usize) -> &Actor {
+    pub fn actor(&self, agent: usize) -> &Inference {
         &self.actors[agent]
     }
 
@@ -204,21 +204,19 @@ impl Policy {
 
     /// Where the actor of this agent is in the values of [`copy_values`](Policy::copy_values).
     pub fn actor_range(&self, agent: usize) -> Range<usize> {
-        self.range_of(&self.networks.actor_prefix(agent))
+        self.range_of(&self.networks.actor(agent, &self.dims))
     }
 
     /// Where the predictor of this name is in the values of [`copy_values`](Policy::copy_values).
     pub fn predictor_range(&self, name: &str) -> Option<Range<usize>> {
-        self.predictor(name).map(|predictor| self.range_of(&predictor.spec.prefix()))
+        self.predictor(name).map(|predictor| self.range_of(&predictor.spec.network(&self.dims)))
     }
 
     /// Where the tensors of a network are, which are all beside each other.
-    fn range_of(&self, prefix: &str) -> Range<usize> {
-        let inside =
-            |spec: &TensorSpec| spec.name.strip_prefix(prefix).is_some_and(|rest| rest.starts_with('.'));
+    fn range_of(&self, network: &Network) -> Range<usize> {
         let specs = || self.tensors.iter().map(|(spec, _)| spec);
-        let start = specs().take_while(|spec| !inside(spec)).map(TensorSpec::n_values).sum();
-        let length: usize = specs().filter(|spec| inside(spec)).map(TensorSpec::n_values).sum();
+        let start = specs().take_while(|spec| !network.owns(&spec.name)).map(TensorSpec::n_values).sum();
+        let length: usize = specs().filter(|spec| network.owns(&spec.name)).map(TensorSpec::n_values).sum();
         start..start + length
     }
 
@@ -279,50 +277,20 @@ impl Policy {
 
     /// The networks of these tensors, which are those of [`Networks::tensors`].
     fn assemble(dims: &Dims, meta: Meta, networks: Networks, tensors: Vec<(TensorSpec, Tensor)>) -> Policy {
-        let parts = Parts(tensors.iter().map(|(spec, tensor)| (&spec.name[..], tensor)).collect());
-        let actor = |agent| {
-            let prefix = networks.actor_prefix(agent);
-            let middle = match networks.actor {
-                ActorKind::Mlp => Middle::Linear(parts.linear(&prefix, "fc2")),
-                ActorKind::Gru => Middle::Gru(parts.cell(&prefix, "gru")),
-            };
-            let (fc1, out) = (parts.linear(&prefix, "fc1"), parts.linear(&prefix, "out"));
-            let id = (networks.sharing == Sharing::Shared).then_some(agent);
-            Actor { fc1, middle, out, id, joint: dims.joint }
+        let inference = |network: Network, id| {
+            let own = tensors.iter().filter(|(spec, _)| network.owns(&spec.name));
+            Inference::new(&network, id, own.map(|(_, tensor)| tensor))
         };
-        let predictor = |spec: &PredictorSpec| {
-            let prefix = spec.prefix();
-            let (fc1, out) = (parts.linear(&prefix, "fc1"), parts.linear(&prefix, "out"));
-            Predictor { spec: spec.clone(), fc1, lstm: parts.cell(&prefix, "lstm"), out, joint: dims.joint }
+        let actor = |agent| {
+            let id = (networks.sharing == Sharing::Shared).then_some(agent);
+            inference(networks.actor(agent, dims), id)
+        };
+        let predictor = |spec: &PredictorSpec| Predictor {
+            spec: spec.clone(),
+            network: inference(spec.network(dims), None),
         };
         let actors = (0..dims.n_agents).map(actor).collect();
         let predictors = networks.predictors.iter().map(predictor).collect();
         Policy { meta, networks, dims: dims.clone(), tensors, actors, predictors }
-    }
-}
-
-/// Tensors by name.
-struct Parts<'a>(HashMap<&'a str, &'a Tensor>);
-
-impl Parts<'_> {
-    fn tensor(&self, prefix: &str, layer: &str, tensor: &str) -> Tensor {
-        let name = format!("{prefix}.{layer}.{tensor}");
-        let tensor = self.0.get(&name[..]).expect("every tensor of the networks is there");
-        Tensor::clone(tensor)
-    }
-
-    fn linear(&self, prefix: &str, layer: &str) -> Linear {
-        let tensor = |name| self.tensor(prefix, layer, name);
-        Linear { weight: tensor("weight"), bias: tensor("bias") }
-    }
-
-    fn cell(&self, prefix: &str, layer: &str) -> Recurrent {
-        let tensor = |name| self.tensor(prefix, layer, name);
-        Recurrent {
-            weight_ih: tensor("weight_ih"),
-            weight_hh: tensor("weight_hh"),
-            bias_ih: tensor("bias_ih"),
-            bias_hh: tensor("bias_hh"),
-        }
     }
 }

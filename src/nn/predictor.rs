@@ -1,28 +1,14 @@
 //! The predictor: what the joint observation will change by, step after step.
 
-use super::kernels;
-use super::layers::{Linear, Recurrent, Scratch};
+use super::inference::{Inference, NetworkState, Scratch};
 use super::networks::PredictorSpec;
 
-/// `Linear -> ReLU -> LSTM -> Linear`: from the joint estimate of one step to the distribution of the change
-/// of its predicted dims until the next step.
+/// From the joint estimate of one step to the distribution of the change of its predicted dims until the next
+/// step, see [`PredictorSpec::network`].
 #[derive(Clone, Debug)]
 pub struct Predictor {
     pub(super) spec: PredictorSpec,
-    pub(super) fc1: Linear,
-    pub(super) lstm: Recurrent,
-    pub(super) out: Linear,
-    /// Length of the joint estimate.
-    pub(super) joint: usize,
-}
-
-/// What a predictor remembers of an episode.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LstmState {
-    /// The hidden state, `[rows, hidden size]`.
-    pub hidden: Vec<f32>,
-    /// The cell state, `[rows, hidden size]`.
-    pub cell: Vec<f32>,
+    pub(super) network: Inference,
 }
 
 impl Predictor {
@@ -32,9 +18,8 @@ impl Predictor {
     }
 
     /// The state in which `rows` episodes start: zero.
-    pub fn state(&self, rows: usize) -> LstmState {
-        let zeros = vec![0.0; rows * self.spec.hidden];
-        LstmState { hidden: zeros.clone(), cell: zeros }
+    pub fn state(&self, rows: usize) -> NetworkState {
+        self.network.state(rows)
     }
 
     /// One step of `rows` episodes: `state` advances, and `out` becomes the prediction.
@@ -48,51 +33,22 @@ impl Predictor {
         rows: usize,
         estimates: &[f32],
         acts: &[usize],
-        state: &mut LstmState,
+        state: &mut NetworkState,
         scratch: &mut Scratch,
         out: &mut [f32],
     ) {
-        let h = rows * self.spec.hidden;
-        let [first, gates] = scratch.split([h, 4 * h]);
-        assert_eq!(estimates.len(), rows * self.joint, "predictor: estimates are not [rows, joint]");
-        if self.spec.sees_own_action() {
-            self.fc1.forward_with_ones(rows, estimates, acts, first)
-        } else {
-            self.fc1.forward(rows, estimates, first)
-        }
-        kernels::relu(first);
-        self.lstm.lstm(rows, first, &mut state.hidden, &mut state.cell, gates);
-        self.out.forward(rows, &state.hidden, out);
-        for row in out.chunks_exact_mut(self.out.bias.values().len()) {
+        self.network.step(rows, estimates, acts, state, scratch, out);
+        for row in out.chunks_exact_mut(out.len() / rows) {
             self.spec.held.iter().for_each(|&dim| row[dim] = 0.0);
         }
     }
 
-    /// Takes new values, those of [`PredictorSpec::tensors`], one tensor after the other. It allocates only
-    /// while it shares its memory with other networks.
+    /// Takes new values, those of its tensors, one after the other. It allocates only while it shares its memory
+    /// with other networks.
     ///
     /// # Panics
     /// If there are too few values or too many.
-    pub fn renew(&mut self, mut values: &[f32]) {
-        self.fc1.renew(&mut values);
-        self.lstm.renew(&mut values);
-        self.out.renew(&mut values);
-        assert!(values.is_empty(), "predictor: more values than weights");
-    }
-}
-
-impl LstmState {
-    /// Becomes what `other` is. Allocates only for more rows than ever before.
-    pub fn copy_from(&mut self, other: &LstmState) {
-        self.hidden.clone_from(&other.hidden);
-        self.cell.clone_from(&other.cell);
-    }
-
-    /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
-    pub fn start(&mut self, predictor: &Predictor, rows: usize) {
-        for part in [&mut self.hidden, &mut self.cell] {
-            part.clear();
-            part.resize(rows * predictor.spec.hidden, 0.0);
-        }
+    pub fn renew(&mut self, values: &[f32]) {
+        self.network.renew(values);
     }
 }

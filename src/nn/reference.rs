@@ -1,141 +1,116 @@
 //! The same networks built from candle-nn's layers: the forward pass that ours is checked against and compared with.
 
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Device, Result, Tensor};
 use candle_nn::rnn::{GRU, GRUState, LSTM, LSTMState, RNN};
 use candle_nn::{Linear, Module, VarBuilder};
 
-use super::{ActorKind, Policy, Sharing};
+use super::network::{Layer, Network};
+use super::{Policy, Sharing};
 
 /// Shapes follow from the policy, and nothing else can fail on a CPU.
 const SHAPES_FIT: &str = "inputs and weights are those of one network";
 
-/// An actor of candle's layers, with the hidden state of a GRU inside.
+/// A network of candle's layers, with the states of its cells inside.
 #[derive(Debug)]
-pub struct CandleActor {
-    fc1: Linear,
-    middle: Middle,
-    out: Linear,
-    id: Option<Vec<f32>>,
+pub struct CandleNetwork {
+    layers: Vec<CandleLayer>,
+    /// The length of the one-hots behind the inputs.
+    ones: usize,
+    /// Where their one is, if it is always there.
+    id: Option<usize>,
 }
 
 #[derive(Debug)]
-enum Middle {
-    Linear(Linear),
+enum CandleLayer {
+    Linear { linear: Linear, relu: bool },
     Gru(GRU, GRUState),
+    Lstm(LSTM, LSTMState),
 }
 
-impl CandleActor {
+impl CandleNetwork {
     /// The actor of an agent, for `rows` rows that begin an episode.
-    pub fn new(policy: &Policy, agent: usize, rows: usize) -> CandleActor {
-        let prefix = policy.networks().actor_prefix(agent);
-        let layer = |name| format!("{prefix}.{name}");
-        let middle = match policy.networks().actor {
-            ActorKind::Mlp => Middle::Linear(linear(policy, &layer("fc2"))),
-            ActorKind::Gru => {
-                let (hidden, weights) = cell(policy, &layer("gru"));
-                let gru = candle_nn::gru(hidden, hidden, Default::default(), weights).expect(SHAPES_FIT);
-                let state = gru.zero_state(rows).expect(SHAPES_FIT);
-                Middle::Gru(gru, state)
-            }
-        };
-        let id = (policy.networks().sharing == Sharing::Shared).then(|| {
-            let ids = policy.dims().n_agents;
-            (0..ids * rows).map(|at| if at % ids == agent { 1.0 } else { 0.0 }).collect()
-        });
-        CandleActor { fc1: linear(policy, &layer("fc1")), middle, out: linear(policy, &layer("out")), id }
+    pub fn actor(policy: &Policy, agent: usize, rows: usize) -> CandleNetwork {
+        let network = policy.networks().actor(agent, policy.dims());
+        let id = (policy.networks().sharing == Sharing::Shared).then_some(agent);
+        CandleNetwork::new(policy, &network, id, rows).expect(SHAPES_FIT)
     }
 
-    /// The logits `[rows, n_actions]` of the inputs `[rows, joint]`.
-    pub fn forward(&mut self, rows: usize, inputs: &[f32]) -> Vec<f32> {
-        let inputs = match &self.id {
-            Some(id) => Tensor::cat(&[input(rows, inputs), input(rows, id)], 1).expect(SHAPES_FIT),
-            None => input(rows, inputs),
-        };
-        let first = self.fc1.forward(&inputs).expect(SHAPES_FIT).relu().expect(SHAPES_FIT);
-        let second = match &mut self.middle {
-            Middle::Linear(fc2) => fc2.forward(&first).expect(SHAPES_FIT).relu().expect(SHAPES_FIT),
-            Middle::Gru(gru, state) => {
-                *state = gru.step(&first, state).expect(SHAPES_FIT);
-                state.h().clone()
-            }
-        };
-        output(&self.out.forward(&second).expect(SHAPES_FIT))
-    }
-}
-
-/// A predictor of candle's layers, with its state inside. It knows no held dims.
-#[derive(Debug)]
-pub struct CandlePredictor {
-    fc1: Linear,
-    lstm: LSTM,
-    state: LSTMState,
-    out: Linear,
-    /// The number of acts, if it sees the own one.
-    acts: usize,
-}
-
-impl CandlePredictor {
-    /// The predictor of this name, which the policy must have, for `rows` rows that begin an episode.
-    pub fn new(policy: &Policy, name: &str, rows: usize) -> CandlePredictor {
-        let layer = |layer| format!("predictors.{name}.{layer}");
-        let (hidden, weights) = cell(policy, &layer("lstm"));
-        let lstm = candle_nn::lstm(hidden, hidden, Default::default(), weights).expect(SHAPES_FIT);
-        let state = lstm.zero_state(rows).expect(SHAPES_FIT);
+    /// The predictor of this name, which the policy must have, likewise. It knows no held dims.
+    pub fn predictor(policy: &Policy, name: &str, rows: usize) -> CandleNetwork {
         let spec = policy.predictor(name).expect("the policy has this predictor").spec();
-        let acts = spec.width(policy.dims()) - policy.dims().joint;
-        CandlePredictor {
-            fc1: linear(policy, &layer("fc1")),
-            lstm,
-            state,
-            out: linear(policy, &layer("out")),
-            acts,
-        }
+        CandleNetwork::new(policy, &spec.network(policy.dims()), None, rows).expect(SHAPES_FIT)
     }
 
-    /// One step of the estimates `[rows, joint]` and acts `[rows]`, which only who sees them looks at: mean and raw
-    /// log-std, `[rows, 2 * predicted]`.
-    pub fn step(&mut self, rows: usize, estimates: &[f32], acts: &[usize]) -> Vec<f32> {
-        let seen = match self.acts {
-            0 => input(rows, estimates),
-            width => {
-                let one = |at: usize| if acts[at / width] == at % width { 1.0 } else { 0.0 };
-                let acts: Vec<f32> = (0..rows * width).map(one).collect();
-                Tensor::cat(&[input(rows, estimates), input(rows, &acts)], 1).expect(SHAPES_FIT)
+    fn new(policy: &Policy, network: &Network, id: Option<usize>, rows: usize) -> Result<CandleNetwork> {
+        let tensors = policy.tensors().filter(|(spec, _)| network.owns(&spec.name));
+        // candle has weights as `[outputs, inputs]`.
+        let tensors = tensors.map(|(spec, tensor)| {
+            let tensor = Tensor::from_slice(tensor.values(), &spec.shape[..], &Device::Cpu)?;
+            if tensor.rank() == 2 { tensor.t()?.contiguous() } else { Ok(tensor) }
+        });
+        let tensors = tensors.collect::<Result<Vec<_>>>()?;
+        let mut tensors = tensors.into_iter();
+        let layers = network.layers.iter().map(|layer| {
+            let mut next = || tensors.next().expect("every layer has its tensors");
+            Ok(match *layer {
+                Layer::Linear { relu, .. } => {
+                    CandleLayer::Linear { linear: Linear::new(next(), Some(next())), relu }
+                }
+                Layer::Gru(size) => {
+                    let gru = candle_nn::gru(size, size, Default::default(), cell(next))?;
+                    let state = gru.zero_state(rows)?;
+                    CandleLayer::Gru(gru, state)
+                }
+                Layer::Lstm(size) => {
+                    let lstm = candle_nn::lstm(size, size, Default::default(), cell(next))?;
+                    let state = lstm.zero_state(rows)?;
+                    CandleLayer::Lstm(lstm, state)
+                }
+            })
+        });
+        Ok(CandleNetwork { layers: layers.collect::<Result<_>>()?, ones: network.ones, id })
+    }
+
+    /// One step of the inputs `[rows, inputs]`, with the numbers of actions `[rows]` if the network sees them: the
+    /// outputs `[rows, outputs]`.
+    pub fn step(&mut self, rows: usize, inputs: &[f32], acts: &[usize]) -> Vec<f32> {
+        self.advance(rows, inputs, acts).and_then(|out| out.flatten_all()?.to_vec1()).expect(SHAPES_FIT)
+    }
+
+    fn advance(&mut self, rows: usize, inputs: &[f32], acts: &[usize]) -> Result<Tensor> {
+        let mut x = matrix(rows, inputs)?;
+        if self.ones > 0 {
+            let mut one_hots = vec![0.0; rows * self.ones];
+            for (row, one_hot) in one_hots.chunks_exact_mut(self.ones).enumerate() {
+                one_hot[self.id.unwrap_or_else(|| acts[row])] = 1.0;
             }
-        };
-        let first = self.fc1.forward(&seen).expect(SHAPES_FIT).relu().expect(SHAPES_FIT);
-        self.state = self.lstm.step(&first, &self.state).expect(SHAPES_FIT);
-        output(&self.out.forward(self.state.h()).expect(SHAPES_FIT))
+            x = Tensor::cat(&[x, matrix(rows, &one_hots)?], 1)?;
+        }
+        for layer in &mut self.layers {
+            x = match layer {
+                CandleLayer::Linear { linear, relu: true } => linear.forward(&x)?.relu()?,
+                CandleLayer::Linear { linear, relu: false } => linear.forward(&x)?,
+                CandleLayer::Gru(gru, state) => {
+                    *state = gru.step(&x, state)?;
+                    state.h().clone()
+                }
+                CandleLayer::Lstm(lstm, state) => {
+                    *state = lstm.step(&x, state)?;
+                    state.h().clone()
+                }
+            };
+        }
+        Ok(x)
     }
 }
 
-/// A tensor of the policy as candle has it: `[outputs, inputs]`.
-fn tensor(policy: &Policy, name: &str) -> Tensor {
-    let (spec, tensor) =
-        policy.tensors().find(|(spec, _)| spec.name == name).expect("a policy has all tensors");
-    let tensor = Tensor::from_slice(tensor.values(), &spec.shape[..], &Device::Cpu).expect(SHAPES_FIT);
-    match spec.shape.len() {
-        2 => tensor.t().expect(SHAPES_FIT).contiguous().expect(SHAPES_FIT),
-        _ => tensor,
-    }
+/// The tensors of a cell by the names that candle has for them.
+fn cell(mut next: impl FnMut() -> Tensor) -> VarBuilder<'static> {
+    let names = ["weight_ih_l0", "weight_hh_l0", "bias_ih_l0", "bias_hh_l0"];
+    let tensors = names.map(|name| (name.to_owned(), next()));
+    VarBuilder::from_tensors(tensors.into(), DType::F32, &Device::Cpu)
 }
 
-fn linear(policy: &Policy, layer: &str) -> Linear {
-    let tensor = |name| tensor(policy, &format!("{layer}.{name}"));
-    Linear::new(tensor("weight"), Some(tensor("bias")))
-}
-
-fn cell(policy: &Policy, layer: &str) -> (usize, VarBuilder<'static>) {
-    let names = ["weight_ih", "weight_hh", "bias_ih", "bias_hh"];
-    let tensors = names.map(|name| (format!("{name}_l0"), tensor(policy, &format!("{layer}.{name}"))));
-    let hidden = tensors[0].1.dim(1).expect(SHAPES_FIT);
-    (hidden, VarBuilder::from_tensors(tensors.into(), DType::F32, &Device::Cpu))
-}
-
-fn input(rows: usize, values: &[f32]) -> Tensor {
-    Tensor::from_slice(values, (rows, values.len() / rows), &Device::Cpu).expect(SHAPES_FIT)
-}
-
-fn output(tensor: &Tensor) -> Vec<f32> {
-    tensor.flatten_all().expect(SHAPES_FIT).to_vec1().expect(SHAPES_FIT)
+fn matrix(rows: usize, values: &[f32]) -> Result<Tensor> {
+    Tensor::from_slice(values, (rows, values.len() / rows), &Device::Cpu)
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::batch::{Batch, gather};
 use super::ends::blank;
 use super::memory::Buffer;
-use super::network::Network;
+use super::network::Passes;
 use super::parameters::Parameters;
 use super::settings::Settings;
 use crate::nn::Dims;
@@ -18,7 +18,7 @@ pub struct LearningActor {
     pub parameters: Parameters,
     pub(super) agents: Range<usize>,
     ids: usize,
-    network: Network,
+    passes: Passes,
     x: Buffer,
     /// Logarithms of the probabilities of what was done, before this update, `[T, E, its agents]`.
     old: Buffer,
@@ -55,10 +55,10 @@ impl LearningActor {
     /// An untrained actor of `agents`.
     pub(super) fn new(settings: &Settings, dims: &Dims, agents: Range<usize>, seed: u64) -> LearningActor {
         let networks = &settings.networks;
-        let specs = networks.actor_tensors(agents.start, dims);
+        let network = networks.actor(agents.start, dims);
         LearningActor {
-            network: Network::new(settings.backend, networks.actor.into(), &specs),
-            parameters: Parameters::untrained(specs, seed),
+            passes: Passes::new(settings.backend, &network),
+            parameters: Parameters::untrained(&network, seed),
             agents,
             ids: networks.sharing.id_len(dims),
             x: Buffer::default(),
@@ -92,7 +92,7 @@ impl LearningActor {
     ) {
         let rows = batch.episodes * self.agents.len();
         let Parameters { values, gradient, .. } = &mut self.parameters;
-        let logits = self.network.forward(values, batch.steps, rows, &self.x);
+        let logits = self.passes.forward(values, batch.steps, rows, &self.x);
         let n_actions = logits.len() / (batch.steps * rows);
         let (old, d) = (self.old.resize(batch.steps * rows), self.d.resize(logits.len()));
         let n_agents = available.len();
@@ -140,7 +140,7 @@ impl LearningActor {
             softmax_backward(pi, action, d_taken, d_entropy);
         }
         self.losses = losses;
-        self.network.backward(values, batch.steps, rows, &self.x, &self.d, gradient);
+        self.passes.backward(values, &self.x, &self.d, gradient);
         self.squared_norm = self.parameters.squared_norm();
     }
 }

@@ -6,11 +6,11 @@ use std::time::Duration;
 use super::batch::{Batch, gather};
 use super::ends::blank;
 use super::memory::{Buffer, Flat};
-use super::network::{Kind, Network};
+use super::network::Passes;
 use super::parameters::Parameters;
 use super::returns::returns;
 use super::settings::{CriticInput, Settings};
-use crate::nn::{Dims, critic_tensors};
+use crate::nn::{Dims, critic};
 
 /// A critic in training, and the agents it serves.
 #[derive(Clone, Debug)]
@@ -21,7 +21,7 @@ pub struct LearningCritic {
     /// The weights that returns are estimated with.
     pub target: Flat,
     ids: usize,
-    network: Network,
+    passes: Passes,
     x: Buffer,
     returns: Buffer,
     /// Return minus value, `[T, E, its agents]`; zero behind an episode's end.
@@ -65,16 +65,14 @@ impl LearningCritic {
             CriticInput::Joint => dims.joint,
             CriticInput::OwnObservation => observation,
         };
-        let specs =
-            critic_tensors(settings.critic_sharing, agents.start, inputs + ids, settings.networks.hidden);
-        let network = Network::new(settings.backend, Kind::Mlp, &specs);
-        let parameters = Parameters::untrained(specs, seed);
+        let network = critic(settings.critic_sharing, agents.start, inputs + ids, settings.networks.hidden);
+        let parameters = Parameters::untrained(&network, seed);
         LearningCritic {
             target: parameters.values.clone(),
             parameters,
             agents,
             ids,
-            network,
+            passes: Passes::new(settings.backend, &network),
             x: Buffer::default(),
             returns: Buffer::default(),
             advantages: Buffer::default(),
@@ -96,7 +94,7 @@ impl LearningCritic {
         gather(inputs, sources, width, &self.agents, self.ids, &mut self.x);
         let rows = batch.episodes * self.agents.len();
         blank(&mut self.x, batch.steps + 1, batch.episodes, |episode| batch.ends.valued(episode));
-        let values = self.network.forward(&self.target, batch.steps + 1, rows, &self.x);
+        let values = self.passes.forward(&self.target, batch.steps + 1, rows, &self.x);
         let to = self.returns.resize(batch.steps * rows);
         returns(settings.estimator, settings.gamma, rewards, values, &batch.ends, self.agents.len(), to);
         // What follows on the last action is for the target alone.
@@ -109,7 +107,7 @@ impl LearningCritic {
         let (rows, entries) = (self.returns.len(), batch.entries(n_agents));
         let inputs = self.parameters.specs[0].shape[0];
         let x = &self.x[..rows * inputs];
-        let values = self.network.forward(&self.parameters.values, 1, rows, x);
+        let values = self.passes.forward(&self.parameters.values, 1, rows, x);
         let (advantages, d) = (self.advantages.resize(rows), self.d.resize(rows));
         let (mut losses, share) = (CriticLosses::default(), 1.0 / entries as f64);
         for (at, (advantage, d)) in advantages.iter_mut().zip(d.iter_mut()).enumerate() {
@@ -129,7 +127,7 @@ impl LearningCritic {
         }
         self.losses = losses;
         let Parameters { values, gradient, .. } = &mut self.parameters;
-        self.network.backward(values, 1, rows, x, &self.d, gradient);
+        self.passes.backward(values, x, &self.d, gradient);
         self.squared_norm = self.parameters.squared_norm();
     }
 

@@ -44,7 +44,7 @@ impl Learner {
 
     /// What the team has counted.
     pub fn counters(&self) -> Counters {
-        let adam = self.networks().map(|network| (network.name().to_owned(), network.steps));
+        let adam = self.networks().map(|network| (network.name.clone(), network.steps));
         Counters { updates: self.updates, adam: adam.collect() }
     }
 
@@ -82,7 +82,7 @@ impl Learner {
             }
         }
         self.updates = counters.updates;
-        self.networks_mut().for_each(|network| network.steps = counters.adam[network.name()]);
+        self.networks_mut().for_each(|network| network.steps = counters.adam[&network.name]);
         Ok(())
     }
 

@@ -88,16 +88,14 @@ impl Flat {
         })
     }
 
-    /// Every tensor; there must be `N`.
-    pub fn tensors<const N: usize>(&self) -> [&[f32]; N] {
-        assert_eq!(self.ranges.len(), N, "another network has these tensors");
-        std::array::from_fn(|at| self.tensor(at))
+    /// `N` tensors, from number `first` on.
+    pub fn tensors<const N: usize>(&self, first: usize) -> [&[f32]; N] {
+        std::array::from_fn(|at| self.tensor(first + at))
     }
 
-    /// Every tensor; there must be `N`.
-    pub fn tensors_mut<const N: usize>(&mut self) -> [&mut [f32]; N] {
-        assert_eq!(self.ranges.len(), N, "another network has these tensors");
-        let mut tensors = self.each_mut();
+    /// `N` tensors, from number `first` on.
+    pub fn tensors_mut<const N: usize>(&mut self, first: usize) -> [&mut [f32]; N] {
+        let mut tensors = self.each_mut().skip(first);
         std::array::from_fn(|_| tensors.next().expect("there are N tensors"))
     }
 }

@@ -1,12 +1,14 @@
 //! The weights of a network in training: values, gradient and the moments of Adam.
 
 use super::memory::Flat;
-use crate::nn::TensorSpec;
 use crate::nn::kernels::{self, AdamStep};
+use crate::nn::{Network, TensorSpec};
 
 /// The weights of one network, the gradient of its loss, and the moments of Adam, all of one layout.
 #[derive(Clone, Debug)]
 pub struct Parameters {
+    /// What the network is called, such as `actors.0`.
+    pub(super) name: String,
     /// What the tensors are called, and their shapes.
     pub specs: Vec<TensorSpec>,
     /// The weights.
@@ -23,7 +25,8 @@ pub struct Parameters {
 
 impl Parameters {
     /// Untrained weights: PyTorch's default initialisation, see [`TensorSpec::untrained`].
-    pub fn untrained(specs: Vec<TensorSpec>, seed: u64) -> Parameters {
+    pub fn untrained(network: &Network, seed: u64) -> Parameters {
+        let specs = network.tensors();
         let zeros = Flat::zeros(&specs);
         let mut values = zeros.clone();
         for (at, spec) in specs.iter().enumerate() {
@@ -31,7 +34,7 @@ impl Parameters {
             tensor.zip(spec.untrained(seed)).for_each(|(value, drawn)| *value = drawn);
         }
         let [gradient, mean, square] = [zeros.clone(), zeros.clone(), zeros];
-        Parameters { specs, values, gradient, mean, square, steps: 0 }
+        Parameters { name: network.name.clone(), specs, values, gradient, mean, square, steps: 0 }
     }
 
     /// The tensors with their names and shapes.
@@ -50,11 +53,6 @@ impl Parameters {
     pub(super) fn flop_forward(&self) -> f64 {
         let weights = self.specs.iter().filter(|spec| spec.shape.len() == 2);
         weights.map(|spec| 2.0 * spec.n_values() as f64).sum()
-    }
-
-    /// What the network is called, such as `actors.0`: what the names of its tensors begin with.
-    pub(super) fn name(&self) -> &str {
-        self.specs[0].name.rsplitn(3, '.').last().expect("a name has a part")
     }
 
     /// What outlives an update: the weights and Adam's moments.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::batch::Trajectories;
 use super::ends::blank;
 use super::memory::{Buffer, Flat};
-use super::network::{Kind, Network};
+use super::network::Passes;
 use super::parameters::{Parameters, clip_scale};
 use super::settings::{Backend, Objective, PredictorSettings, Settings};
 use crate::nn::{Dims, PredictorSpec};
@@ -18,7 +18,7 @@ pub struct LearningPredictor {
     pub(super) settings: PredictorSettings,
     spec: PredictorSpec,
     dims: Dims,
-    network: Network,
+    passes: Passes,
     /// What it sees, `[steps, rows, views, width]`.
     x: Buffer,
     /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
@@ -51,11 +51,12 @@ impl LearningPredictor {
         backend: Backend,
         seed: u64,
     ) -> LearningPredictor {
-        let specs = spec.tensors(dims);
+        let network = spec.network(dims);
+        let parameters = Parameters::untrained(&network, seed);
         LearningPredictor {
-            carried: settings.carry_gradients.then(|| Flat::zeros(&specs)),
-            network: Network::new(backend, Kind::Lstm, &specs),
-            parameters: Parameters::untrained(specs, seed),
+            carried: settings.carry_gradients.then(|| Flat::zeros(&parameters.specs)),
+            passes: Passes::new(backend, &network),
+            parameters,
             settings: settings.clone(),
             spec: spec.clone(),
             dims: dims.clone(),
@@ -158,7 +159,7 @@ impl LearningPredictor {
         let (views, &Dims { joint: width, predicted, n_agents, .. }) = (self.views(), &self.dims);
         let total = total * views as f64;
         let Parameters { values, gradient, .. } = &mut self.parameters;
-        let out = self.network.forward(values, steps, rows * views, &self.x);
+        let out = self.passes.forward(values, steps, rows * views, &self.x);
 
         let d = self.d.resize(out.len());
         d.fill(0.0);
@@ -186,7 +187,7 @@ impl LearningPredictor {
                 d_raw[dim] = share as f32 * (1.0 - z * z);
             }
         }
-        self.network.backward(values, steps, rows * views, &self.x, &self.d, gradient);
+        self.passes.backward(values, &self.x, &self.d, gradient);
         Some((loss, sum / (transitions * n_agents * views) as f64))
     }
 
@@ -194,7 +195,8 @@ impl LearningPredictor {
     /// there is no transition to learn from it sees zeros.
     fn see(&mut self, steps: usize, trajectories: &Trajectories) {
         let Trajectories { rows, joint, actions, .. } = *trajectories;
-        let (views, width, length) = (self.views(), self.spec.width(&self.dims), self.dims.joint);
+        let (views, length) = (self.views(), self.dims.joint);
+        let width = self.parameters.specs[0].shape[0];
         let x = self.x.resize(steps * rows * views * width);
         x.fill(0.0);
         let transitions = x.chunks_exact_mut(views * width).enumerate();

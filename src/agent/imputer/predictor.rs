@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::past::Past;
 use super::{Carried, Imputer, Setup, Step};
 use crate::agent::Inbox;
-use crate::nn::{LstmState, Predictor, Scratch};
+use crate::nn::{NetworkState, Predictor, Scratch};
 
 /// Carries the estimate on with the predictor's mean delta added.
 #[derive(Debug)]
@@ -16,10 +16,10 @@ pub(super) struct Prediction {
     weights: Range<usize>,
     /// The number of the agent's first action among those of the team.
     first_act: usize,
-    state: LstmState,
+    state: NetworkState,
     /// The state before the last step, kept if the own action is part of what the predictor sees: somebody may have
     /// been wrong about it.
-    before: LstmState,
+    before: NetworkState,
     /// The number of what the agent does in each world.
     acts: Vec<usize>,
     past: Past,
@@ -51,7 +51,7 @@ impl Prediction {
 impl Imputer for Prediction {
     fn begin_episodes(&mut self, worlds: usize) {
         self.carried.forget();
-        self.state.start(&self.predictor, worlds);
+        self.state.start(worlds);
         self.past.begin_episode();
     }
 

@@ -15,7 +15,8 @@ use crate::bus::now_ns;
 use crate::cli::{keep_candle_to_its_thread, table, tell};
 use crate::environment::Task;
 use crate::latency::repeat;
-use crate::nn::{ActorKind, Networks, Policy, kernels, reference};
+use crate::nn::reference::CandleNetwork;
+use crate::nn::{ActorKind, Networks, Policy, kernels};
 use crate::supervisor::signals;
 
 /// One agent: a decision, beside reading its weights once and candle's forward pass
@@ -201,12 +202,12 @@ impl Measured {
 
     /// The same networks in candle.
     fn candle(&mut self, task: &Task, policy: &Policy, rows: usize, longest: Duration) -> Result<()> {
-        let mut actor = reference::CandleActor::new(policy, 0, rows);
-        let mut predictor = reference::CandlePredictor::new(policy, PREFERRED, rows);
+        let mut actor = CandleNetwork::actor(policy, 0, rows);
+        let mut predictor = CandleNetwork::predictor(policy, PREFERRED, rows);
         let inputs = numbers(rows * task.spec().joint_dim());
         repeat(longest, |counts| {
             let began = now_ns();
-            black_box(actor.forward(rows, &inputs));
+            black_box(actor.step(rows, &inputs, &[]));
             let acted = now_ns();
             black_box(predictor.step(rows, &inputs, &[]));
             if counts {

@@ -166,7 +166,9 @@ impl WithSimd for LstmBackward<'_> {
         {
             for from in (0..h).step_by(S::F32_LANES) {
                 let to = h.min(from + S::F32_LANES);
-                let [i, f, g, o] = [0, 1, 2, 3].map(|gate| load(simd, &gates[gate * h..][from..to]));
+                // Not by `map` over an array, which the compiler may leave a call that passes vectors by memory.
+                let gate = |gate: usize| load(simd, &gates[gate * h..][from..to]);
+                let (i, f, g, o) = (gate(0), gate(1), gate(2), gate(3));
                 let squashed = tanh_of(simd, load(simd, &cell[from..to]));
                 let d = load(simd, &d[from..to]);
 

@@ -1,12 +1,10 @@
 //! The nn room against its references: candle's networks, and every way in which a file can be wrong.
 
-mod actor;
 mod files;
 mod imports;
+mod inference;
 mod policy;
-mod predictor;
 
-use super::reference as oracle;
 use super::*;
 use crate::base::rng::{Draws, Purpose};
 

@@ -138,7 +138,8 @@ fn new_values_are_taken_in_order_and_checked() {
     let mut fresh = numbers(3, policy.n_values());
     let renewed = policy.with_values(&fresh).unwrap();
     assert_eq!(bits(&values(&renewed)), bits(&fresh));
-    assert_eq!(renewed.actor(0).fc1.weight.values(), &fresh[..56]);
+    let (first, weight) = renewed.tensors().next().unwrap();
+    assert_eq!((&first.name[..], weight.values()), ("actors.0.fc1.weight", &fresh[..56]));
 
     let error = policy.with_values(&fresh[1..]).unwrap_err().to_string();
     assert!(error.contains(&format!("got {} weights, expected {}", fresh.len() - 1, fresh.len())), "{error}");

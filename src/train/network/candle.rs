@@ -3,14 +3,13 @@
 use candle_core::{D, Device, Result, Tensor, Var};
 use candle_nn::ops::sigmoid;
 
-use super::Kind;
-use crate::nn::TensorSpec;
+use crate::nn::{Layer, Network};
 use crate::train::memory::Flat;
 
 /// A network that candle computes and takes back. Products with the inputs of all time steps are one here too.
 #[derive(Clone, Debug)]
 pub struct Candle {
-    kind: Kind,
+    layers: Vec<Layer>,
     shapes: Vec<Vec<usize>>,
     out: Vec<f32>,
     pass: Option<Pass>,
@@ -20,9 +19,9 @@ pub struct Candle {
 #[derive(Clone, Debug)]
 struct Pass {
     weights: Vec<Var>,
-    /// What the cell takes of the inputs of all steps, and each step's part of it as the cell's own variable. A part
+    /// What each cell takes of the inputs of all steps, and each step's part of it as the cell's own variable. A part
     /// that candle itself has cut out has a derivative as large as the whole, in every step.
-    cell: Option<(Tensor, Vec<Var>)>,
+    cells: Vec<(Tensor, Vec<Var>)>,
     out: Tensor,
 }
 
@@ -30,26 +29,25 @@ struct Pass {
 const SHAPES_FIT: &str = "inputs and weights are those of one network";
 
 impl Candle {
-    /// A network of this kind with these tensors.
-    pub fn new(kind: Kind, specs: &[TensorSpec]) -> Candle {
-        let shapes = specs.iter().map(|spec| spec.shape.clone()).collect();
-        Candle { kind, shapes, out: Vec::new(), pass: None }
+    /// A network of these layers.
+    pub fn new(network: &Network) -> Candle {
+        let shapes = network.tensors().into_iter().map(|spec| spec.shape).collect();
+        Candle { layers: network.layers.clone(), shapes, out: Vec::new(), pass: None }
     }
 
-    /// The outputs `[steps, rows, outputs]` of the inputs `x` `[steps, rows, inputs]`.
+    /// See [`Passes::forward`](super::Passes::forward).
     pub fn forward(&mut self, weights: &Flat, steps: usize, rows: usize, x: &[f32]) -> &[f32] {
         let weights = self.shapes.iter().enumerate().map(|(at, shape)| {
-            let tensor = Tensor::from_slice(weights.tensor(at), &shape[..], &Device::Cpu)?;
-            Var::from_tensor(&tensor)
+            Var::from_tensor(&Tensor::from_slice(weights.tensor(at), &shape[..], &Device::Cpu)?)
         });
         let weights = weights.collect::<Result<_>>().expect(SHAPES_FIT);
-        let pass = Pass::forward(self.kind, weights, steps, rows, x).expect(SHAPES_FIT);
+        let pass = Pass::forward(&self.layers, weights, steps, rows, x).expect(SHAPES_FIT);
         self.out = values(&pass.out).expect(SHAPES_FIT);
         self.pass = Some(pass);
         &self.out
     }
 
-    /// `gradient` becomes that of a loss whose derivative by the outputs of the last forward pass is `d`.
+    /// See [`Passes::backward`](super::Passes::backward).
     pub fn backward(&mut self, d: &[f32], gradient: &mut Flat) {
         let pass = self.pass.take().expect("a backward pass follows on a forward pass");
         pass.backward(d, gradient).expect(SHAPES_FIT);
@@ -57,32 +55,36 @@ impl Candle {
 }
 
 impl Pass {
-    fn forward(kind: Kind, weights: Vec<Var>, steps: usize, rows: usize, x: &[f32]) -> Result<Pass> {
-        let x = Tensor::from_slice(x, (steps * rows, x.len() / (steps * rows)), &Device::Cpu)?;
-        let first = linear(&x, &weights[0], &weights[1])?.relu()?;
-        let [.., w_out, b_out] = &weights[..] else { unreachable!("every network has a last layer") };
-        let (cell, second) = match kind {
-            Kind::Mlp => (None, linear(&first, &weights[2], &weights[3])?.relu()?),
-            Kind::Gru | Kind::Lstm => {
-                let input = linear(&first, &weights[2], &weights[4])?;
-                let parts = (0..steps).map(|step| Var::from_tensor(&input.narrow(0, step * rows, rows)?));
-                let parts = parts.collect::<Result<Vec<Var>>>()?;
-                let bias = weights[5].broadcast_as((rows, input.dim(1)?))?;
-                let states = match kind {
-                    Kind::Gru => gru(&parts, &weights[3], &bias)?,
-                    _ => lstm(&parts, &weights[3], &bias)?,
-                };
-                (Some((input, parts)), Tensor::cat(&states, 0)?)
-            }
-        };
-        let out = linear(&second, w_out, b_out)?;
-        Ok(Pass { cell, out, weights })
+    fn forward(layers: &[Layer], weights: Vec<Var>, steps: usize, rows: usize, x: &[f32]) -> Result<Pass> {
+        let mut x = Tensor::from_slice(x, (steps * rows, x.len() / (steps * rows)), &Device::Cpu)?;
+        let (mut rest, mut cells) = (&weights[..], Vec::new());
+        for layer in layers {
+            let own = rest.split_off(..layer.n_tensors()).expect("every layer has its tensors");
+            x = match layer {
+                Layer::Linear { relu: false, .. } => linear(&x, &own[0], &own[1])?,
+                Layer::Linear { relu: true, .. } => linear(&x, &own[0], &own[1])?.relu()?,
+                Layer::Gru(_) | Layer::Lstm(_) => {
+                    let input = linear(&x, &own[0], &own[2])?;
+                    let parts =
+                        (0..steps).map(|step| Var::from_tensor(&input.narrow(0, step * rows, rows)?));
+                    let parts = parts.collect::<Result<Vec<Var>>>()?;
+                    let bias = own[3].broadcast_as((rows, input.dim(1)?))?;
+                    let states = match layer {
+                        Layer::Gru(_) => gru(&parts, &own[1], &bias)?,
+                        _ => lstm(&parts, &own[1], &bias)?,
+                    };
+                    cells.push((input, parts));
+                    Tensor::cat(&states, 0)?
+                }
+            };
+        }
+        Ok(Pass { cells, out: x, weights })
     }
 
     fn backward(&self, d: &[f32], gradient: &mut Flat) -> Result<()> {
         let d = Tensor::from_slice(d, self.out.dims(), &Device::Cpu)?;
         let mut gradients = (&self.out * d)?.sum_all()?.backward()?;
-        if let Some((input, parts)) = &self.cell {
+        for (input, parts) in self.cells.iter().rev() {
             let d = parts.iter().map(|part| gradients.get(part).expect("every step counts"));
             let d = Tensor::cat(&d.collect::<Vec<_>>(), 0)?;
             gradients.extend((input * d)?.sum_all()?.backward()?)?;

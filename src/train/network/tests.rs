@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::base::rng::{Draws, Purpose};
-use crate::nn::{ActorKind, Dims, Networks, PredictorSpec, Sharing, TensorSpec, critic_tensors};
+use crate::nn::{ActorKind, Dims, Networks, PredictorSpec, Sharing, critic};
 use crate::train::parameters::Parameters;
 use proptest::prelude::*;
 
@@ -16,19 +16,14 @@ fn dims(joint: usize, predicted: usize, n_actions: usize) -> Dims {
 }
 
 /// Compares outputs and gradients of the loss `sum(d * outputs)` for random `d`.
-fn agrees(
-    kind: Kind,
-    specs: Vec<TensorSpec>,
-    (steps, rows): (usize, usize),
-    seed: u64,
-) -> Result<(), TestCaseError> {
-    let parameters = Parameters::untrained(specs, seed);
+fn agrees(network: &Network, (steps, rows): (usize, usize), seed: u64) -> Result<(), TestCaseError> {
+    let parameters = Parameters::untrained(network, seed);
     let Parameters { specs, values, gradient, .. } = &parameters;
     let x = numbers(seed, steps * rows * specs[0].shape[0]);
     let pass = |backend| {
-        let (mut network, mut gradient) = (Network::new(backend, kind, specs), gradient.clone());
-        let out = network.forward(values, steps, rows, &x).to_vec();
-        network.backward(values, steps, rows, &x, &numbers(seed ^ 1, out.len()), &mut gradient);
+        let (mut passes, mut gradient) = (Passes::new(backend, network), gradient.clone());
+        let out = passes.forward(values, steps, rows, &x).to_vec();
+        passes.backward(values, &x, &numbers(seed ^ 1, out.len()), &mut gradient);
         (out, gradient)
     };
     let ((out, gradient), (expected, expected_gradient)) = (pass(Backend::Native), pass(Backend::Candle));
@@ -54,8 +49,7 @@ proptest! {
 
     #[test]
     fn critics(rows in 1usize..40, inputs in 1usize..40, hidden in 1usize..70, seed in any::<u64>()) {
-        let specs = critic_tensors(Sharing::Separate, 0, inputs, hidden);
-        agrees(Kind::Mlp, specs, (1, rows), seed)?;
+        agrees(&critic(Sharing::Separate, 0, inputs, hidden), (1, rows), seed)?;
     }
 
     #[test]
@@ -72,8 +66,7 @@ proptest! {
         let kind = if gru { ActorKind::Gru } else { ActorKind::Mlp };
         let sharing = if shared { Sharing::Shared } else { Sharing::Separate };
         let networks = Networks { hidden, sharing, ..Networks::paper(kind) };
-        let specs = networks.actor_tensors(1, &dims(joint, 1, n_actions));
-        agrees(kind.into(), specs, (steps, rows), seed)?;
+        agrees(&networks.actor(1, &dims(joint, 1, n_actions)), (steps, rows), seed)?;
     }
 
     #[test]
@@ -86,6 +79,6 @@ proptest! {
         seed in any::<u64>(),
     ) {
         let spec = PredictorSpec { hidden, ..PredictorSpec::paper("maro") };
-        agrees(Kind::Lstm, spec.tensors(&dims(joint, predicted, 1)), (steps, rows), seed)?;
+        agrees(&spec.network(&dims(joint, predicted, 1)), (steps, rows), seed)?;
     }
 }

@@ -10,7 +10,7 @@ mod predictors;
 
 use super::batch::gather;
 use super::memory::{Buffer, Flat};
-use super::network::Network;
+use super::network::Passes;
 use super::*;
 use crate::base::rng::{Draws, Purpose};
 use crate::nn::{ActorKind, Dims, Input, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
@@ -150,15 +150,16 @@ fn learner_and_agents_compute_the_same_bits() {
             let weights = &team.actors[agent.min(team.actors.len() - 1)].parameters.values;
             let mut x = Buffer::default();
             gather(&batch.joint, 1, dims().joint, &(agent..agent + 1), sharing.id_len(&dims()), &mut x);
-            let mut network = Network::new(Backend::Native, kind.into(), &[]);
-            let learned = network.forward(weights, batch.steps + 1, batch.episodes, &x);
+            let network = settings.networks.actor(agent, &dims());
+            let mut passes = Passes::new(Backend::Native, &network);
+            let learned = passes.forward(weights, batch.steps + 1, batch.episodes, &x);
 
             let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
             let mut state = actor.state(batch.episodes);
             let mut logits = vec![0.0; batch.episodes * dims().n_actions];
             let steps = batch.joint.chunks_exact(batch.episodes * dims().joint);
             for (inputs, learned) in steps.zip(learned.chunks_exact(logits.len())) {
-                actor.forward(batch.episodes, inputs, &mut state, &mut scratch, &mut logits);
+                actor.step(batch.episodes, inputs, &[], &mut state, &mut scratch, &mut logits);
                 let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
                 assert_eq!(bits(&logits), bits(learned), "{kind}, {sharing}, agent {agent}");
             }

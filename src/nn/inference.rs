@@ -1,0 +1,216 @@
+//! Running a network step by step: its weights, its state, and the scratch memory of a pass.
+
+use super::kernels::{self, Start};
+use super::network::{Layer, Network};
+use super::weights::{Line, Tensor};
+
+/// A network with its weights, ready to run: an actor, or what is inside a [`Predictor`](super::Predictor).
+#[derive(Clone, Debug)]
+pub struct Inference {
+    inputs: usize,
+    layers: Vec<(Layer, Vec<Tensor>)>,
+    /// Where the one is of the one-hot behind every input, if it is always there: the agent's id in a network that all
+    /// agents share.
+    id: Option<usize>,
+}
+
+/// What a network remembers of an episode: the states of its cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NetworkState(Vec<CellState>);
+
+/// The state of a layer, empty unless it is a cell.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct CellState {
+    hidden: Vec<f32>,
+    /// The cell state of an LSTM; what the hidden state of a GRU contributes to the gates of its next step.
+    second: Vec<f32>,
+    /// How many values of `hidden` and `second` a row has.
+    sizes: [usize; 2],
+    /// Whether `second` of a GRU is what it should be.
+    is_ahead: bool,
+}
+
+impl Inference {
+    /// With the tensors of [`Network::tensors`].
+    pub(super) fn new<'a>(
+        network: &Network,
+        id: Option<usize>,
+        mut tensors: impl Iterator<Item = &'a Tensor>,
+    ) -> Inference {
+        let mut of = |layer: &Layer| tensors.by_ref().take(layer.n_tensors()).cloned().collect();
+        let layers = network.layers.iter().map(|layer| (*layer, of(layer))).collect();
+        Inference { inputs: network.inputs, layers, id }
+    }
+
+    /// One step of `rows` episodes: `state` advances, and `out` `[rows, outputs]` becomes what the network makes of
+    /// `inputs` `[rows, inputs]`. A network that sees an agent's action has the number of that in `acts` `[rows]`; others do
+    /// not look at it.
+    pub fn step(
+        &self,
+        rows: usize,
+        inputs: &[f32],
+        acts: &[usize],
+        state: &mut NetworkState,
+        scratch: &mut Scratch,
+        out: &mut [f32],
+    ) {
+        assert_eq!(inputs.len(), rows * self.inputs, "the inputs of a network are not [rows, inputs]");
+        let ((_, last), layers) = self.layers.split_last().expect("a network has layers");
+        let mut room = scratch.room(layers.iter().map(|(layer, _)| rows * layer.room()));
+        let mut x = inputs;
+        for ((layer, tensors), state) in layers.iter().zip(&mut state.0) {
+            let part = room.take(rows * layer.room());
+            x = match *layer {
+                Layer::Linear { relu, .. } => {
+                    self.linear(rows, x, acts, tensors, part);
+                    if relu {
+                        kernels::relu(part);
+                    }
+                    part
+                }
+                Layer::Gru(_) => {
+                    state.look_ahead(rows, tensors);
+                    let [w_ih, _, b_ih, _] = values(tensors);
+                    kernels::linear(rows, x, w_ih, Start::Bias(b_ih), part);
+                    kernels::gru_gates(rows, part, &state.second, &mut state.hidden);
+                    state.is_ahead = false;
+                    &state.hidden
+                }
+                Layer::Lstm(_) => {
+                    let [w_ih, w_hh, b_ih, b_hh] = values(tensors);
+                    kernels::linear(rows, x, w_ih, Start::Bias(b_ih), part);
+                    kernels::linear(rows, &state.hidden, w_hh, Start::Output, part);
+                    kernels::lstm_gates(rows, part, b_hh, &mut state.hidden, &mut state.second);
+                    &state.hidden
+                }
+            };
+        }
+        self.linear(rows, x, acts, last, out);
+    }
+
+    /// `y = x @ weight + bias`. Where the weight has rows for more than `x`, they are for a one-hot behind it: the one
+    /// multiplies one of them and zeros all others, so adding that row last gives the very bits of the whole product.
+    fn linear(&self, rows: usize, x: &[f32], acts: &[usize], tensors: &[Tensor], y: &mut [f32]) {
+        let [weight, bias] = values(tensors);
+        let (weight, of_ones) = weight.split_at(x.len() / rows * bias.len());
+        kernels::linear(rows, x, weight, Start::Bias(bias), y);
+        if !of_ones.is_empty() {
+            assert!(self.id.is_some() || acts.len() == rows, "every row has its act");
+            for (row, y) in y.chunks_exact_mut(bias.len()).enumerate() {
+                let one = self.id.unwrap_or_else(|| acts[row]);
+                kernels::add(&of_ones[one * bias.len()..][..bias.len()], y);
+            }
+        }
+    }
+
+    /// Computes what the next step takes of the state alone, half the work of a GRU. A step sees to it itself, but
+    /// whoever calls this when an action is out has the next one sooner, by the same bits.
+    pub fn prepare(&self, rows: usize, state: &mut NetworkState) {
+        for ((layer, tensors), state) in self.layers.iter().zip(&mut state.0) {
+            if let Layer::Gru(_) = layer {
+                state.look_ahead(rows, tensors);
+            }
+        }
+    }
+
+    /// The state in which `rows` episodes start: zero.
+    pub fn state(&self, rows: usize) -> NetworkState {
+        let sizes = self.layers.iter().map(|(layer, _)| match *layer {
+            Layer::Linear { .. } => [0, 0],
+            Layer::Gru(size) => [size, 3 * size],
+            Layer::Lstm(size) => [size, size],
+        });
+        let cells = sizes.map(|sizes| CellState { sizes, ..CellState::default() });
+        let mut state = NetworkState(cells.collect());
+        state.start(rows);
+        state
+    }
+
+    /// Takes new values, those of [`Network::tensors`], one tensor after the other. It allocates only while it shares
+    /// its memory with other networks.
+    ///
+    /// # Panics
+    /// If there are too few values or too many.
+    pub fn renew(&mut self, mut values: &[f32]) {
+        self.layers.iter_mut().flat_map(|(_, tensors)| tensors).for_each(|tensor| tensor.renew(&mut values));
+        assert!(values.is_empty(), "a network got more values than it has weights");
+    }
+}
+
+impl NetworkState {
+    /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
+    pub fn start(&mut self, rows: usize) {
+        for CellState { hidden, second, sizes, is_ahead } in &mut self.0 {
+            for (values, size) in [hidden, second].into_iter().zip(sizes) {
+                values.clear();
+                values.resize(rows * *size, 0.0);
+            }
+            *is_ahead = false;
+        }
+    }
+
+    /// Becomes what `other` is, a state of the same network. Allocates only for more rows than ever before.
+    pub fn copy_from(&mut self, other: &NetworkState) {
+        for (to, from) in self.0.iter_mut().zip(&other.0) {
+            to.hidden.clone_from(&from.hidden);
+            to.second.clone_from(&from.second);
+            to.is_ahead = from.is_ahead;
+        }
+    }
+}
+
+impl CellState {
+    /// Computes what a GRU's next step takes of its state alone, unless that has been done.
+    fn look_ahead(&mut self, rows: usize, tensors: &[Tensor]) {
+        if !self.is_ahead {
+            let [_, w_hh, _, b_hh] = values(tensors);
+            kernels::linear(rows, &self.hidden, w_hh, Start::Bias(b_hh), &mut self.second);
+            self.is_ahead = true;
+        }
+    }
+}
+
+impl Layer {
+    /// How many values it needs room for, of each row: an output, or gates.
+    fn room(self) -> usize {
+        match self {
+            Layer::Linear { outputs, .. } => outputs,
+            Layer::Gru(size) => 3 * size,
+            Layer::Lstm(size) => 4 * size,
+        }
+    }
+}
+
+fn values<const N: usize>(tensors: &[Tensor]) -> [&[f32]; N] {
+    std::array::from_fn(|at| tensors[at].values())
+}
+
+/// Memory for what lies between the layers of a forward pass.
+///
+/// It grows to the largest pass that it sees; from then on a pass allocates nothing. Any network can use any
+/// scratch: nothing in it outlives a pass.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch(Vec<Line>);
+
+/// What is left of a scratch.
+struct Room<'a>(&'a mut [Line]);
+
+impl Scratch {
+    /// Room for parts of these lengths.
+    fn room(&mut self, lengths: impl Iterator<Item = usize>) -> Room<'_> {
+        let lines = lengths.map(|length| length.div_ceil(Line::VALUES)).sum();
+        if self.0.len() < lines {
+            self.0.resize(lines, Line::ZERO);
+        }
+        Room(&mut self.0)
+    }
+}
+
+impl<'a> Room<'a> {
+    /// The next part, on a cache line, with arbitrary content.
+    fn take(&mut self, length: usize) -> &'a mut [f32] {
+        let part =
+            self.0.split_off_mut(..length.div_ceil(Line::VALUES)).expect("there is room for every part");
+        &mut bytemuck::cast_slice_mut(part)[..length]
+    }
+}

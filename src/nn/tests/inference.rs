@@ -1,0 +1,147 @@
+use super::*;
+use crate::nn::reference::CandleNetwork;
+use proptest::prelude::*;
+
+const KINDS: [(ActorKind, Sharing); 4] = [
+    (ActorKind::Mlp, Sharing::Separate),
+    (ActorKind::Mlp, Sharing::Shared),
+    (ActorKind::Gru, Sharing::Separate),
+    (ActorKind::Gru, Sharing::Shared),
+];
+
+/// What a network comes to in `steps` steps, one after the other.
+fn run(
+    network: &Inference,
+    rows: usize,
+    steps: &[Vec<f32>],
+    acts: &[usize],
+    outputs: usize,
+) -> Vec<Vec<f32>> {
+    let (mut state, mut scratch) = (network.state(rows), Scratch::default());
+    let step = |inputs: &Vec<f32>| {
+        let mut out = vec![0.0; rows * outputs];
+        network.step(rows, inputs, acts, &mut state, &mut scratch, &mut out);
+        out
+    };
+    steps.iter().map(step).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn networks_agree_with_candle(
+        kind in 0usize..4, acting in any::<bool>(), hidden in 1usize..70, joint in 1usize..40, n_actions in 1usize..7,
+        n_agents in 1usize..5, rows in 1usize..12, seed in any::<u64>(),
+    ) {
+        let (actor, sharing) = KINDS[kind];
+        let dims = Dims { task: "toy".to_string(), n_agents, joint, predicted: joint, n_actions };
+        let inputs = if acting { vec![Input::Estimate, Input::OwnAction] } else { vec![Input::Estimate] };
+        let predictors = vec![PredictorSpec { hidden, inputs, ..PredictorSpec::paper("one") }];
+        let policy = Policy::untrained(&dims, seed, Networks { actor, sharing, hidden, predictors }).unwrap();
+        let steps: Vec<_> = (0..4).map(|step| numbers(seed ^ step, rows * joint)).collect();
+        let acts: Vec<usize> = (0..rows).map(|row| (seed as usize ^ row) % (n_agents * n_actions)).collect();
+        let actors = (0..n_agents).map(|agent| {
+            (policy.actor(agent), n_actions, CandleNetwork::actor(&policy, agent, rows))
+        });
+        let predictor = &policy.predictor("one").unwrap().network;
+        let predictor = (predictor, 2 * joint, CandleNetwork::predictor(&policy, "one", rows));
+        for (network, outputs, mut candle) in actors.chain([predictor]) {
+            for (inputs, out) in steps.iter().zip(run(network, rows, &steps, &acts, outputs)) {
+                for (found, expected) in out.iter().zip(candle.step(rows, inputs, &acts)) {
+                    prop_assert!((found - expected).abs() < 1e-5, "{found} is not {expected}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_row_is_the_same_bits_alone_and_among_others() {
+    let dims = Dims { joint: 24, predicted: 16, ..dims() };
+    let steps: Vec<_> = (0..3).map(|step| numbers(step, 64 * dims.joint)).collect();
+    let part = |from: usize, rows: usize| -> Vec<Vec<f32>> {
+        steps.iter().map(|inputs| inputs[from * dims.joint..][..rows * dims.joint].to_vec()).collect()
+    };
+    for (actor, sharing) in KINDS {
+        let policy = Policy::untrained(&dims, 3, Networks { sharing, ..Networks::paper(actor) }).unwrap();
+        let predictor = &policy.predictor("value-aware").unwrap().network;
+        for (network, outputs) in [(policy.actor(1), 5), (predictor, 32)] {
+            let alone: Vec<_> = (0..64).map(|row| run(network, 1, &part(row, 1), &[], outputs)).collect();
+            for rows in [2, 10, 64] {
+                for (step, out) in run(network, rows, &part(0, rows), &[], outputs).iter().enumerate() {
+                    let alone: Vec<f32> =
+                        alone[..rows].iter().flat_map(|steps| steps[step].clone()).collect();
+                    assert_eq!(bits(out), bits(&alone), "{actor:?}, {sharing:?}, {rows} rows");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_nan_in_the_input_reaches_the_logits() {
+    for (actor, sharing) in KINDS {
+        let policy = policy(actor, sharing);
+        let mut inputs = vec![0.5; policy.dims().joint];
+        inputs[2] = f32::NAN;
+        let logits = run(policy.actor(0), 1, &[inputs], &[], 5);
+        assert!(logits[0].iter().all(|logit| logit.is_nan()), "{actor:?}, {sharing:?}");
+    }
+}
+
+#[test]
+fn what_is_prepared_changes_no_bit_and_not_the_next_episode() {
+    let dims = Dims { task: "toy".to_string(), n_agents: 2, joint: 9, predicted: 9, n_actions: 5 };
+    for (kind, sharing) in KINDS {
+        let networks = Networks { sharing, ..Networks::paper(kind) };
+        let policy = Policy::untrained(&dims, 3, networks).unwrap();
+        let steps: Vec<_> = (0..6).map(|step| numbers(step, 2 * dims.joint)).collect();
+        let actor = policy.actor(1);
+        let expected = run(actor, 2, &steps, &[], dims.n_actions);
+        let (mut state, mut scratch) = (actor.state(7), Scratch::default());
+        for episode in 0..3 {
+            state.start(2);
+            for (step, (inputs, expected)) in steps.iter().zip(&expected).enumerate() {
+                let mut logits = vec![0.0; 2 * dims.n_actions];
+                actor.step(2, inputs, &[], &mut state, &mut scratch, &mut logits);
+                assert_eq!(&logits, expected, "{kind}, {sharing}");
+                // Never, always, or now and then; twice is as good as once.
+                (0..episode * step % 3).for_each(|_| actor.prepare(2, &mut state));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_held_dim_is_predicted_not_to_change() {
+    let policy = policy(ActorKind::Mlp, Sharing::Separate);
+    let predictor = policy.predictor("value-aware").unwrap();
+    let (rows, predicted) = (4, policy.dims().predicted);
+    let mut out = vec![f32::NAN; rows * 2 * predicted];
+    let inputs = numbers(5, rows * policy.dims().joint);
+    predictor.step(rows, &inputs, &[], &mut predictor.state(rows), &mut Scratch::default(), &mut out);
+    let free = run(&predictor.network, rows, &[inputs], &[], 2 * predicted);
+    for (at, (&found, &free)) in out.iter().zip(&free[0]).enumerate() {
+        let held = [1, 4].contains(&(at % (2 * predicted)));
+        assert_eq!(found, if held { 0.0 } else { free });
+    }
+}
+
+#[test]
+fn a_state_that_starts_again_is_a_new_one() {
+    let policy = policy(ActorKind::Gru, Sharing::Separate);
+    let predictor = &policy.predictor("maro").unwrap().network;
+    for (network, outputs) in [(policy.actor(0), 5), (predictor, 2 * policy.dims().predicted)] {
+        let (mut state, mut out) = (network.state(2), vec![0.0; 2 * outputs]);
+        network.step(2, &numbers(1, 14), &[], &mut state, &mut Scratch::default(), &mut out);
+        assert_ne!(state, network.state(2));
+        let mut copy = network.state(1);
+        copy.copy_from(&state);
+        assert_eq!(copy, state);
+        for rows in [2, 1, 3] {
+            state.start(rows);
+            assert_eq!(state, network.state(rows));
+        }
+    }
+}
