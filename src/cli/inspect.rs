@@ -7,7 +7,7 @@ use clap::Args;
 use super::{print, table};
 use crate::base::error::Result;
 use crate::base::stats::mean;
-use crate::nn::{PolicyFile, PredictorSpec};
+use crate::nn::{PolicyFile, PredictorSpec, Sigma};
 use crate::recording::Recording;
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
@@ -72,7 +72,9 @@ fn inspect_policy(path: &Path) -> Result<()> {
 fn predictor_words(predictor: &PredictorSpec) -> String {
     let PredictorSpec { name, hidden, .. } = predictor;
     let sees = if predictor.sees_own_action() { ", sees the own action" } else { "" };
-    format!("{name} (hidden {hidden}{sees})")
+    let skip = if predictor.skip { ", skip" } else { "" };
+    let sigma = if predictor.sigma == Sigma::SoftBounded { ", soft-bounded sigma" } else { "" };
+    format!("{name} (hidden {hidden}{sees}{skip}{sigma})")
 }
 
 fn inspect_checkpoint(checkpoint: &Checkpoint) -> Result<()> {

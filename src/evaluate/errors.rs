@@ -8,7 +8,7 @@ use crate::agent::JointLayout;
 use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{Spec, Unit, Value};
-use crate::nn::{Dims, NetworkState, Policy, Predictor, Scratch, Sigma};
+use crate::nn::{Dims, NetworkState, Policy, Predictor, Scratch};
 use crate::supervisor::{Decisions, Observer, Stage, Tick};
 
 /// Half the width of the central 50 % and 95 % intervals of a normal distribution, in sigma.
@@ -197,9 +197,9 @@ impl Expectation {
         let actions = decisions.actions.iter().enumerate();
         acts.extend(actions.map(|(row, action)| dims.act(row / worlds, *action as usize)));
         predictor.step(layout.agents * worlds, &decisions.estimates, acts, state, scratch, out);
-        let Sigma::Exp = self.predictor.spec().sigma;
+        let sigma = self.predictor.spec().sigma;
         let raw = self.out.chunks_exact(2 * predicted).flat_map(|out| &out[predicted..]);
-        let changes = raw.map(|raw| f64::from(*raw).exp().max(SMALLEST_SIGMA).powi(2));
+        let changes = raw.map(|raw| f64::from(sigma.log_std(*raw)).exp().max(SMALLEST_SIGMA).powi(2));
         let mut oldest = self.changes.pop_front();
         for (at, (variance, change)) in self.variances.iter_mut().zip(changes).enumerate() {
             *variance += change;

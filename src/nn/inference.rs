@@ -55,7 +55,11 @@ impl Inference {
         out: &mut [f32],
     ) {
         assert_eq!(inputs.len(), rows * self.inputs, "the inputs of a network are not [rows, inputs]");
-        let ((_, last), layers) = self.layers.split_last().expect("a network has layers");
+        let (skip, layers) = match &self.layers[..] {
+            [layers @ .., (Layer::Skip { .. }, skip)] => (Some(skip), layers),
+            layers => (None, layers),
+        };
+        let ((_, last), layers) = layers.split_last().expect("a network has layers");
         let mut room = scratch.room(layers.iter().map(|(layer, _)| rows * layer.room()));
         let mut x = inputs;
         for ((layer, tensors), state) in layers.iter().zip(&mut state.0) {
@@ -83,22 +87,29 @@ impl Inference {
                     kernels::lstm_gates(rows, part, b_hh, &mut state.hidden, &mut state.second);
                     &state.hidden
                 }
+                Layer::Skip { .. } => unreachable!("a skip is the last layer"),
             };
         }
         self.linear(rows, x, acts, last, out);
+        if let Some(skip) = skip {
+            self.linear(rows, inputs, acts, skip, out);
+        }
     }
 
-    /// `y = x @ weight + bias`. Where the weight has rows for more than `x`, they are for a one-hot behind it: the one
-    /// multiplies one of them and zeros all others, so adding that row last gives the very bits of the whole product.
+    /// `y = x @ weight + bias`, or `y += x @ weight` where there is no bias. Where the weight has rows for more than `x`, they
+    /// are for a one-hot behind it: the one multiplies one of them and zeros all others, so adding that row last gives the
+    /// very bits of the whole product.
     fn linear(&self, rows: usize, x: &[f32], acts: &[usize], tensors: &[Tensor], y: &mut [f32]) {
-        let [weight, bias] = values(tensors);
-        let (weight, of_ones) = weight.split_at(x.len() / rows * bias.len());
-        kernels::linear(rows, x, weight, Start::Bias(bias), y);
+        let outputs = y.len() / rows;
+        let [weight] = values(tensors);
+        let (weight, of_ones) = weight.split_at(x.len() / rows * outputs);
+        let start = tensors.get(1).map_or(Start::Output, |bias| Start::Bias(bias.values()));
+        kernels::linear(rows, x, weight, start, y);
         if !of_ones.is_empty() {
             assert!(self.id.is_some() || acts.len() == rows, "every row has its act");
-            for (row, y) in y.chunks_exact_mut(bias.len()).enumerate() {
+            for (row, y) in y.chunks_exact_mut(outputs).enumerate() {
                 let one = self.id.unwrap_or_else(|| acts[row]);
-                kernels::add(&of_ones[one * bias.len()..][..bias.len()], y);
+                kernels::add(&of_ones[one * outputs..][..outputs], y);
             }
         }
     }
@@ -116,7 +127,7 @@ impl Inference {
     /// The state in which `rows` episodes start: zero.
     pub fn state(&self, rows: usize) -> NetworkState {
         let sizes = self.layers.iter().map(|(layer, _)| match *layer {
-            Layer::Linear { .. } => [0, 0],
+            Layer::Linear { .. } | Layer::Skip { .. } => [0, 0],
             Layer::Gru(size) => [size, 3 * size],
             Layer::Lstm(size) => [size, size],
         });
@@ -174,7 +185,7 @@ impl Layer {
     /// How many values it needs room for, of each row: an output, or gates.
     fn room(self) -> usize {
         match self {
-            Layer::Linear { outputs, .. } => outputs,
+            Layer::Linear { outputs, .. } | Layer::Skip { outputs, .. } => outputs,
             Layer::Gru(size) => 3 * size,
             Layer::Lstm(size) => 4 * size,
         }

@@ -17,7 +17,7 @@ pub struct Network {
     pub inputs: usize,
     /// The length of the one-hot that it sees behind them.
     pub ones: usize,
-    /// Its layers, from input to output. The first and the last are linear.
+    /// Its layers, from input to output. The first and the last are linear; a skip may follow.
     pub layers: Vec<Layer>,
 }
 
@@ -39,6 +39,13 @@ pub enum Layer {
     Gru(usize),
     /// An LSTM cell, called `lstm`, likewise.
     Lstm(usize),
+    /// A linear map of what the network sees, called `skip`, that is added to what it says. It has no bias.
+    Skip {
+        /// The width of a row of the network's input.
+        inputs: usize,
+        /// The width of a row of its output.
+        outputs: usize,
+    },
 }
 
 /// A tensor that a network must have.
@@ -57,7 +64,7 @@ pub struct TensorSpec {
 }
 
 impl Network {
-    /// Its tensors, layer by layer; of a linear layer `weight` and `bias`, of a cell `weight_ih`, `weight_hh`,
+    /// Its tensors, layer by layer; of a linear layer `weight` and `bias`, of a skip `weight`, of a cell `weight_ih`, `weight_hh`,
     /// `bias_ih` and `bias_hh`.
     pub fn tensors(&self) -> Vec<TensorSpec> {
         const TENSORS_PER_NETWORK: usize = 16;
@@ -93,6 +100,7 @@ impl Layer {
     /// The number of its tensors.
     pub fn n_tensors(&self) -> usize {
         match self {
+            Layer::Skip { .. } => 1,
             Layer::Linear { .. } => 2,
             Layer::Gru(_) | Layer::Lstm(_) => 4,
         }
@@ -103,12 +111,13 @@ impl Layer {
             Layer::Linear { name, .. } => name,
             Layer::Gru(_) => "gru",
             Layer::Lstm(_) => "lstm",
+            Layer::Skip { .. } => "skip",
         }
     }
 
     fn inputs(&self) -> usize {
         match *self {
-            Layer::Linear { inputs, .. } => inputs,
+            Layer::Linear { inputs, .. } | Layer::Skip { inputs, .. } => inputs,
             Layer::Gru(size) | Layer::Lstm(size) => size,
         }
     }
@@ -118,6 +127,7 @@ impl Layer {
             Layer::Linear { inputs, outputs, .. } => {
                 return vec![("weight", vec![inputs, outputs]), ("bias", vec![outputs])];
             }
+            Layer::Skip { inputs, outputs } => return vec![("weight", vec![inputs, outputs])],
             Layer::Gru(size) => (size, 3 * size),
             Layer::Lstm(size) => (size, 4 * size),
         };

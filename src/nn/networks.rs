@@ -75,6 +75,9 @@ pub struct PredictorSpec {
     pub held: Vec<usize>,
     /// The hidden size of its layers.
     pub hidden: usize,
+    /// Whether a linear map of what it sees is added to what it says.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub skip: bool,
 }
 
 /// A part of what a predictor sees.
@@ -94,6 +97,30 @@ pub enum Input {
 pub enum Sigma {
     /// `sigma = exp(raw)`.
     Exp,
+    /// `sigma = exp(m + h tanh((raw - m) / h))` with m = -3 and h = 4: between `exp(-7)` and `exp(1)`, so that no likelihood
+    /// is without bound, and near the middle as `exp`.
+    SoftBounded,
+}
+
+impl Sigma {
+    const MIDDLE: f32 = -3.0;
+    const HALF: f32 = 4.0;
+
+    /// The log-std, from what the network says.
+    pub fn log_std(self, raw: f32) -> f32 {
+        match self {
+            Sigma::Exp => raw,
+            Sigma::SoftBounded => Self::MIDDLE + Self::HALF * ((raw - Self::MIDDLE) / Self::HALF).tanh(),
+        }
+    }
+
+    /// The derivative of the log-std by what the network says.
+    pub(crate) fn slope(self, raw: f32) -> f32 {
+        match self {
+            Sigma::Exp => 1.0,
+            Sigma::SoftBounded => 1.0 - ((raw - Self::MIDDLE) / Self::HALF).tanh().powi(2),
+        }
+    }
 }
 
 /// A list of inputs in JSON: one of them stands by itself, as it does in files that were written when there was only one.
@@ -211,7 +238,7 @@ impl PredictorSpec {
     /// A predictor as in the paper: hidden size 128, sees the estimate, holds no dim.
     pub fn paper(name: &str) -> PredictorSpec {
         let (inputs, sigma) = (vec![Input::Estimate], Sigma::Exp);
-        PredictorSpec { name: name.to_string(), inputs, sigma, held: Vec::new(), hidden: 128 }
+        PredictorSpec { name: name.to_string(), inputs, sigma, held: Vec::new(), hidden: 128, skip: false }
     }
 
     /// Whether the agent's own action is part of what it sees.
@@ -220,12 +247,13 @@ impl PredictorSpec {
     }
 
     /// Its network, from the joint estimate, and what the agent does if it sees that, to mean and raw log-std of every
-    /// predicted dim: `fc1 -> lstm -> out`.
+    /// predicted dim: `fc1 -> lstm -> out`, and a skip if it has one.
     pub fn network(&self, dims: &Dims) -> Network {
-        let (hidden, inputs) = (self.hidden, dims.joint);
+        let (hidden, inputs, outputs) = (self.hidden, dims.joint, 2 * dims.predicted);
         let ones = if self.sees_own_action() { dims.n_agents * dims.n_actions } else { 0 };
         let first = Layer::relu("fc1", inputs + ones, hidden);
-        let layers = vec![first, Layer::Lstm(hidden), Layer::linear("out", hidden, 2 * dims.predicted)];
+        let mut layers = vec![first, Layer::Lstm(hidden), Layer::linear("out", hidden, outputs)];
+        layers.extend(self.skip.then_some(Layer::Skip { inputs: inputs + ones, outputs }));
         Network { name: format!("predictors.{}", self.name), number: MAX_AGENTS, inputs, ones, layers }
     }
 }

@@ -25,6 +25,7 @@ enum CandleLayer {
     Linear { linear: Linear, relu: bool },
     Gru(GRU, GRUState),
     Lstm(LSTM, LSTMState),
+    Skip(Linear),
 }
 
 impl CandleNetwork {
@@ -56,6 +57,7 @@ impl CandleNetwork {
                 Layer::Linear { relu, .. } => {
                     CandleLayer::Linear { linear: Linear::new(next(), Some(next())), relu }
                 }
+                Layer::Skip { .. } => CandleLayer::Skip(Linear::new(next(), None)),
                 Layer::Gru(size) => {
                     let gru = candle_nn::gru(size, size, Default::default(), cell(next))?;
                     let state = gru.zero_state(rows)?;
@@ -86,10 +88,12 @@ impl CandleNetwork {
             }
             x = Tensor::cat(&[x, matrix(rows, &one_hots)?], 1)?;
         }
+        let seen = x.clone();
         for layer in &mut self.layers {
             x = match layer {
                 CandleLayer::Linear { linear, relu: true } => linear.forward(&x)?.relu()?,
                 CandleLayer::Linear { linear, relu: false } => linear.forward(&x)?,
+                CandleLayer::Skip(linear) => (x + linear.forward(&seen)?)?,
                 CandleLayer::Gru(gru, state) => {
                     *state = gru.step(&x, state)?;
                     state.h().clone()

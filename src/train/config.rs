@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::layer::{Layer, like};
-use super::settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
+use super::settings::{Backend, CriticInput, Estimator, Loss, Objective, PredictorSettings, Settings};
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
 use crate::environment::Task;
 use crate::link::{Links, Uniform};
-use crate::nn::{ActorKind, Input, Networks, PredictorSpec, Sharing};
+use crate::nn::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma};
 use crate::usage;
 
 /// Everything that the result of a training run depends on; two runs of one configuration end in the same bits.
@@ -80,6 +80,12 @@ pub struct Config {
     pub predictor_hidden: usize,
     /// What the predictors see: `estimate`, or `estimate` and `own-action`.
     pub predictor_inputs: Vec<Input>,
+    /// Whether a linear map of what the predictors see is added to what they say.
+    pub predictor_skip: bool,
+    /// From the predictors' raw log-std to their standard deviation.
+    pub predictor_sigma: Sigma,
+    /// What the predictors are told of how far off they were: `nll` or `mse`.
+    pub predictor_loss: Loss,
     /// The weight of an advantage in the value-aware loss.
     pub lambda: f64,
     /// Episodes that `maro` and `maro-carry` remember.
@@ -196,6 +202,8 @@ impl Config {
         let spec = |name: &String| PredictorSpec {
             hidden: self.predictor_hidden,
             inputs: self.predictor_inputs.clone(),
+            skip: self.predictor_skip,
+            sigma: self.predictor_sigma,
             ..PredictorSpec::paper(name)
         };
         Networks {
@@ -213,6 +221,7 @@ impl Config {
                 objective(name, self.lambda).expect("the names of predictors are checked");
             PredictorSettings {
                 objective,
+                loss: self.predictor_loss,
                 learning_rate: self.predictor_learning_rate,
                 largest_gradient: self.predictor_max_grad_norm,
                 carry_gradients,

@@ -65,7 +65,7 @@ pub use replay::Replay;
 pub use rollout::Rollout;
 pub use rows::{Averages, columns};
 pub use run::{Pace, Run};
-pub use settings::{Backend, CriticInput, Estimator, Objective, PredictorSettings, Settings};
+pub use settings::{Backend, CriticInput, Estimator, Loss, Objective, PredictorSettings, Settings};
 pub use throughput::{Throughput, matmul_rate, test_duration};
 pub use trainer::{Diverged, Trainer};
 pub use trial::{LEVELS, Trial};

@@ -43,10 +43,12 @@ impl Parameters {
     }
 
     /// Floating-point operations of the products with all weights for one row (of one step) forward and
-    /// backward: a multiply-add is two, and each is needed for the output, for the weight's gradient and, but in
-    /// the first layer, for the derivative by the input.
+    /// backward: a multiply-add is two, and each is needed for the output, for the weight's gradient and, but where the
+    /// input is the network's own, for the derivative by the input.
     pub(super) fn flop_both_ways(&self) -> f64 {
-        3.0 * self.flop_forward() - 2.0 * self.specs[0].n_values() as f64
+        let on_input = |(at, spec): &(usize, &TensorSpec)| *at == 0 || spec.name.ends_with(".skip.weight");
+        let on_input = self.specs.iter().enumerate().filter(on_input);
+        3.0 * self.flop_forward() - on_input.map(|(_, spec)| 2.0 * spec.n_values() as f64).sum::<f64>()
     }
 
     /// Those of the output alone.

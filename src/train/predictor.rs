@@ -1,4 +1,4 @@
-//! The predictor's part of an update: Gaussian likelihood of the next joint observation, weighted.
+//! The predictor's part of an update: likelihood or error of the next joint observation, weighted.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use super::ends::blank;
 use super::memory::{Buffer, Flat};
 use super::network::Passes;
 use super::parameters::{Parameters, clip_scale};
-use super::settings::{Backend, Objective, PredictorSettings, Settings};
+use super::settings::{Backend, Loss, Objective, PredictorSettings, Settings};
 use crate::nn::{Dims, PredictorSpec};
 
 /// A predictor in training.
@@ -33,10 +33,10 @@ pub struct LearningPredictor {
 /// What a predictor says of an update: means over its steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PredictorLosses {
-    /// What is minimised: the negative log-likelihood of an agent's own part, summed over its dims, in the mean
-    /// over time, trajectories and agents by what each counts for.
+    /// What is minimised: the negative log-likelihood, or the squared error, of an agent's own part, summed over its
+    /// dims, in the mean over time, trajectories and agents by what each counts for.
     pub loss: f64,
-    /// The same where everything counts alike.
+    /// The negative log-likelihood where everything counts alike.
     pub nll: f64,
     /// The norm of the gradient, with what was carried on, before it is clipped.
     pub gradient: f64,
@@ -177,14 +177,23 @@ impl LearningPredictor {
             let (d_mean, d_raw) = d.split_at_mut(predicted);
             for dim in (0..predicted).filter(|dim| !self.spec.held.contains(dim)) {
                 let share = f64::from(weights[dim / unique]) / total;
-                // -log N(delta; mean, exp(raw)) = z^2 / 2 + raw + log sqrt(2 pi), z = (delta - mean) / exp(raw)
-                let scale = (-raw[dim]).exp();
-                let z = (after[dim] - before[dim] - mean[dim]) * scale;
-                let nll = f64::from(0.5 * z * z + raw[dim] + HALF_LOG_TWO_PI);
-                loss += share * nll;
+                // -log N(delta; mean, sigma) = z^2 / 2 + log sigma + log sqrt(2 pi), z = (delta - mean) / sigma
+                let log_std = self.spec.sigma.log_std(raw[dim]);
+                let (error, scale) = (after[dim] - before[dim] - mean[dim], (-log_std).exp());
+                let z = error * scale;
+                let nll = f64::from(0.5 * z * z + log_std + HALF_LOG_TWO_PI);
                 sum += nll;
-                d_mean[dim] = -share as f32 * z * scale;
-                d_raw[dim] = share as f32 * (1.0 - z * z);
+                match self.settings.loss {
+                    Loss::Nll => {
+                        loss += share * nll;
+                        d_mean[dim] = -share as f32 * z * scale;
+                        d_raw[dim] = share as f32 * (1.0 - z * z) * self.spec.sigma.slope(raw[dim]);
+                    }
+                    Loss::Mse => {
+                        loss += share * f64::from(error * error);
+                        d_mean[dim] = -2.0 * share as f32 * error;
+                    }
+                }
             }
         }
         self.passes.backward(values, &self.x, &self.d, gradient);

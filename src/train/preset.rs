@@ -1,10 +1,10 @@
 //! Where configurations start from.
 
 use super::config::{AdvantageKind, Algorithm, Config, Preset, TrainP};
-use super::settings::{Backend, CriticInput, Objective, PredictorSettings, Settings};
+use super::settings::{Backend, CriticInput, Loss, Objective, PredictorSettings, Settings};
 use crate::agent::paper_actor;
 use crate::environment::Spec;
-use crate::nn::PredictorSpec;
+use crate::nn::{PredictorSpec, Sigma};
 
 impl Config {
     /// The defaults for a task.
@@ -45,6 +45,9 @@ impl Config {
             predictor_max_grad_norm: predictor.largest_gradient,
             predictor_hidden: PredictorSpec::paper("any").hidden,
             predictor_inputs: PredictorSpec::paper("any").inputs,
+            predictor_skip: false,
+            predictor_sigma: Sigma::Exp,
+            predictor_loss: Loss::Nll,
             lambda: 1.0,
             replay_episodes: 5_000,
             replay_batch: 32,

@@ -86,6 +86,8 @@ pub enum Estimator {
 pub struct PredictorSettings {
     /// What its loss weighs.
     pub objective: Objective,
+    /// What it is told of how far off it was.
+    pub loss: Loss,
     /// Its learning rate.
     pub learning_rate: f64,
     /// Largest norm of its gradient.
@@ -107,10 +109,28 @@ pub enum Objective {
     },
 }
 
+/// What a predictor is told of how far off it was.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Loss {
+    /// The negative log-likelihood.
+    #[default]
+    Nll,
+    /// The squared error of the mean; nothing is learned of sigma.
+    Mse,
+}
+
 impl PredictorSettings {
     /// Those of the paper: learning rate 1e-3, gradient norm 1, nothing carried.
     pub fn paper(objective: Objective) -> PredictorSettings {
-        PredictorSettings { objective, learning_rate: 1e-3, largest_gradient: 1.0, carry_gradients: false }
+        let loss = Loss::default();
+        PredictorSettings {
+            objective,
+            loss,
+            learning_rate: 1e-3,
+            largest_gradient: 1.0,
+            carry_gradients: false,
+        }
     }
 }
 

@@ -132,7 +132,7 @@ fn metadata() {
     failed(&with_word("predictors", Some("[")), "`predictors`");
     failed(&with_word("predictors", Some("[]")), "unexpected tensor predictors.");
     let predictor = r#"[{"name":"maro","inputs":"estimate","sigma":"softplus","held":[],"hidden":5}]"#;
-    failed(&with_word("predictors", Some(predictor)), "expected `exp`");
+    failed(&with_word("predictors", Some(predictor)), "expected `exp` or `soft-bounded`");
     let predictor = r#"[{"name":"maro","inputs":"estimate","sigma":"exp","held":[6],"hidden":5}]"#;
     failed(&with_word("predictors", Some(predictor)), "holds dim 6");
 }
@@ -187,26 +187,32 @@ proptest! {
 
 static GOOD: std::sync::LazyLock<Vec<u8>> = std::sync::LazyLock::new(good);
 
-/// A policy whose predictor of this name sees the own action.
-fn sees_own_actions() -> Policy {
+/// A policy of which one predictor is as in the paper, and the other has everything that it can have.
+fn with_everything() -> Policy {
     let mut networks = networks(ActorKind::Mlp, Sharing::Separate);
-    networks.predictors[1].inputs = vec![Input::Estimate, Input::OwnAction];
+    let inputs = vec![Input::Estimate, Input::OwnAction];
+    let plain = networks.predictors[1].clone();
+    networks.predictors[1] = PredictorSpec { inputs, skip: true, sigma: Sigma::SoftBounded, ..plain };
     Policy::untrained(&dims(), 11, networks).unwrap()
 }
 
 #[test]
-fn what_a_predictor_sees_is_kept() {
+fn what_a_predictor_is_like_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("policy.safetensors");
-    let policy = sees_own_actions();
+    let policy = with_everything();
     policy.save(&path).unwrap();
     let opened = Policy::open(&path, &dims()).unwrap();
     assert_eq!(opened.networks(), policy.networks());
     assert_eq!(bits(&values(&opened)), bits(&values(&policy)));
     let words = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
-    // Where there is only one input, it stands as it always did.
-    assert!(words.contains(r#"\"inputs\":\"estimate\""#), "{words}");
-    assert!(words.contains(r#"\"inputs\":[\"estimate\",\"own-action\"]"#), "{words}");
+    let paper = r#"{\"held\":[],\"hidden\":5,\"inputs\":\"estimate\",\"name\":\"maro\",\"sigma\":\"exp\"}"#;
+    assert!(words.contains(paper), "that of the paper stands as it always did: {words}");
+    for word in
+        [r#"\"inputs\":[\"estimate\",\"own-action\"]"#, r#"\"sigma\":\"soft-bounded\""#, r#"\"skip\":true"#]
+    {
+        assert!(words.contains(word), "{word}: {words}");
+    }
 }
 
 #[test]

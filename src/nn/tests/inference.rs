@@ -31,13 +31,13 @@ proptest! {
 
     #[test]
     fn networks_agree_with_candle(
-        kind in 0usize..4, acting in any::<bool>(), hidden in 1usize..70, joint in 1usize..40, n_actions in 1usize..7,
+        kind in 0usize..4, acting in any::<bool>(), skip in any::<bool>(), hidden in 1usize..70, joint in 1usize..40, n_actions in 1usize..7,
         n_agents in 1usize..5, rows in 1usize..12, seed in any::<u64>(),
     ) {
         let (actor, sharing) = KINDS[kind];
         let dims = Dims { task: "toy".to_string(), n_agents, joint, predicted: joint, n_actions };
         let inputs = if acting { vec![Input::Estimate, Input::OwnAction] } else { vec![Input::Estimate] };
-        let predictors = vec![PredictorSpec { hidden, inputs, ..PredictorSpec::paper("one") }];
+        let predictors = vec![PredictorSpec { hidden, inputs, skip, ..PredictorSpec::paper("one") }];
         let policy = Policy::untrained(&dims, seed, Networks { actor, sharing, hidden, predictors }).unwrap();
         let steps: Vec<_> = (0..4).map(|step| numbers(seed ^ step, rows * joint)).collect();
         let acts: Vec<usize> = (0..rows).map(|row| (seed as usize ^ row) % (n_agents * n_actions)).collect();
@@ -144,4 +144,16 @@ fn a_state_that_starts_again_is_a_new_one() {
             assert_eq!(state, network.state(rows));
         }
     }
+}
+
+#[test]
+fn a_soft_bounded_sigma_stays_within_bounds_and_has_the_slope_that_it_says() {
+    let raws = (-400..400).map(|at| at as f32 * 0.05);
+    for (at, sigma) in raws.flat_map(|raw| [Sigma::Exp, Sigma::SoftBounded].map(|sigma| (raw, sigma))) {
+        let slope = (sigma.log_std(at + 0.01) - sigma.log_std(at - 0.01)) / 0.02;
+        assert!((slope - sigma.slope(at)).abs() < 1e-3, "{sigma:?} at {at}: {slope}");
+    }
+    assert_eq!(Sigma::Exp.log_std(-9.5), -9.5);
+    assert_eq!(Sigma::SoftBounded.log_std(-3.0), -3.0);
+    assert_eq!([-1e3, 1e3].map(|raw| Sigma::SoftBounded.log_std(raw)), [-7.0, 1.0]);
 }

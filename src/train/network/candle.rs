@@ -57,12 +57,14 @@ impl Candle {
 impl Pass {
     fn forward(layers: &[Layer], weights: Vec<Var>, steps: usize, rows: usize, x: &[f32]) -> Result<Pass> {
         let mut x = Tensor::from_slice(x, (steps * rows, x.len() / (steps * rows)), &Device::Cpu)?;
+        let seen = x.clone();
         let (mut rest, mut cells) = (&weights[..], Vec::new());
         for layer in layers {
             let own = rest.split_off(..layer.n_tensors()).expect("every layer has its tensors");
             x = match layer {
                 Layer::Linear { relu: false, .. } => linear(&x, &own[0], &own[1])?,
                 Layer::Linear { relu: true, .. } => linear(&x, &own[0], &own[1])?.relu()?,
+                Layer::Skip { .. } => (x + seen.matmul(&own[0])?)?,
                 Layer::Gru(_) | Layer::Lstm(_) => {
                     let input = linear(&x, &own[0], &own[2])?;
                     let parts =

@@ -25,6 +25,7 @@ enum Pass {
     Linear { relu: bool, out: Buffer },
     Gru(Gru),
     Lstm(Lstm),
+    Skip { out: Buffer },
 }
 
 impl Native {
@@ -38,6 +39,7 @@ impl Native {
                 Layer::Linear { relu, .. } => Pass::Linear { relu, out: Buffer::default() },
                 Layer::Gru(_) => Pass::Gru(Gru::default()),
                 Layer::Lstm(_) => Pass::Lstm(Lstm::default()),
+                Layer::Skip { .. } => Pass::Skip { out: Buffer::default() },
             };
             (first, pass)
         });
@@ -52,9 +54,10 @@ impl Native {
         weights: &Flat,
         steps: usize,
         rows: usize,
-        mut x: &'a [f32],
+        seen: &'a [f32],
     ) -> &'a [f32] {
         self.all = steps * rows;
+        let mut x = seen;
         for (first, pass) in &mut self.passes {
             x = match pass {
                 Pass::Linear { relu, out } => {
@@ -68,20 +71,26 @@ impl Native {
                 }
                 Pass::Gru(gru) => gru.forward(weights.tensors(*first), steps, rows, x),
                 Pass::Lstm(lstm) => lstm.forward(weights.tensors(*first), steps, rows, x),
+                Pass::Skip { out } => {
+                    let [weight] = weights.tensors(*first);
+                    out.resize(x.len()).copy_from_slice(x);
+                    kernels::linear(self.all, seen, weight, Start::Output, out);
+                    out
+                }
             };
         }
         x
     }
 
     /// See [`Passes::backward`](super::Passes::backward).
-    pub fn backward(&mut self, weights: &Flat, x: &[f32], d: &[f32], gradient: &mut Flat) {
+    pub fn backward(&mut self, weights: &Flat, seen: &[f32], d: &[f32], gradient: &mut Flat) {
         let Native { all, passes, d_output, d_input, transposed } = self;
         let all = *all;
         d_output.resize(d.len()).copy_from_slice(d);
         for at in (0..passes.len()).rev() {
             let (before, now) = passes.split_at_mut(at);
             let (first, pass) = &mut now[0];
-            let x = before.last().map_or(x, |(_, before)| before.out());
+            let x = before.last().map_or(seen, |(_, before)| before.out());
             // By what the network itself sees nobody asks for a derivative.
             d_input.resize(if at == 0 { 0 } else { x.len() });
             match pass {
@@ -108,6 +117,11 @@ impl Native {
                     g_b_hh.copy_from_slice(g_b_ih);
                     linear_backward(all, d, w_ih, transposed, d_input);
                 }
+                Pass::Skip { .. } => {
+                    let [g_weight] = gradient.tensors_mut(*first);
+                    kernels::gradient(all, seen, d_output, g_weight);
+                    d_input.copy_from_slice(d_output);
+                }
             }
             std::mem::swap(d_output, d_input);
         }
@@ -118,7 +132,7 @@ impl Pass {
     /// What the next layer sees.
     fn out(&self) -> &[f32] {
         match self {
-            Pass::Linear { out, .. } => out,
+            Pass::Linear { out, .. } | Pass::Skip { out } => out,
             Pass::Gru(gru) => gru.out(),
             Pass::Lstm(lstm) => lstm.out(),
         }

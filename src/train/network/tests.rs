@@ -76,9 +76,10 @@ proptest! {
         joint in 1usize..30,
         hidden in 1usize..50,
         predicted in 1usize..20,
+        skip in any::<bool>(),
         seed in any::<u64>(),
     ) {
-        let spec = PredictorSpec { hidden, ..PredictorSpec::paper("maro") };
+        let spec = PredictorSpec { hidden, skip, ..PredictorSpec::paper("maro") };
         agrees(&spec.network(&dims(joint, predicted, 1)), (steps, rows), seed)?;
     }
 }

@@ -77,15 +77,20 @@ fn the_gradient_of_a_predictor_is_that_of_its_loss() {
     for batch in [batch(5), ended(5)] {
         let advantages = numbers(9, batch.actions.len());
         let (estimate, acting) = (vec![Input::Estimate], vec![Input::Estimate, Input::OwnAction]);
-        for (objective, held, inputs) in [
-            (Objective::ValueAware { lambda: 2.0 }, vec![], &estimate),
-            (Objective::ValueAware { lambda: 1.0 }, vec![1, 4], &estimate),
-            (Objective::Maro, vec![], &estimate),
-            (Objective::ValueAware { lambda: 2.0 }, vec![3], &acting),
-            (Objective::Maro, vec![], &acting),
+        let (value_aware, exp, soft) =
+            (Objective::ValueAware { lambda: 2.0 }, Sigma::Exp, Sigma::SoftBounded);
+        for (objective, held, inputs, skip, sigma, loss) in [
+            (value_aware, vec![], &estimate, false, exp, Loss::Nll),
+            (Objective::ValueAware { lambda: 1.0 }, vec![1, 4], &estimate, false, exp, Loss::Nll),
+            (Objective::Maro, vec![], &estimate, true, soft, Loss::Nll),
+            (value_aware, vec![3], &acting, false, exp, Loss::Nll),
+            (Objective::Maro, vec![], &acting, true, exp, Loss::Nll),
+            (Objective::Maro, vec![], &acting, false, soft, Loss::Nll),
+            (value_aware, vec![2], &acting, true, exp, Loss::Mse),
         ] {
             let spec = PredictorSpec { hidden: 5, held, inputs: inputs.clone(), ..PredictorSpec::paper("p") };
-            let mut predictor = still(spec, objective, false);
+            let mut predictor = still(PredictorSpec { skip, sigma, ..spec }, objective, false);
+            predictor.settings.loss = loss;
             let learn = |predictor: &mut LearningPredictor| {
                 let trajectories = batch.trajectories();
                 predictor.learn(&once(), trajectories, &advantages, &[trajectories]).unwrap()
@@ -93,7 +98,7 @@ fn the_gradient_of_a_predictor_is_that_of_its_loss() {
             learn(&mut predictor);
             let (values, gradient) =
                 (predictor.parameters.values.clone(), predictor.parameters.gradient.clone());
-            let what = format!("{objective:?}, {inputs:?}, {:?}", batch.ends);
+            let what = format!("{objective:?}, {inputs:?}, {skip}, {sigma:?}, {loss:?}, {:?}", batch.ends);
             check_gradient(&what, &values, &gradient, |values| {
                 predictor.parameters.values = values.clone();
                 learn(&mut predictor).loss

@@ -13,7 +13,7 @@ use super::memory::{Buffer, Flat};
 use super::network::Passes;
 use super::*;
 use crate::base::rng::{Draws, Purpose};
-use crate::nn::{ActorKind, Dims, Input, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing};
+use crate::nn::{ActorKind, Dims, Input, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing, Sigma};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
@@ -106,8 +106,12 @@ fn still_predictor(objective: Objective, held: Vec<usize>, carry_gradients: bool
 
 /// A predictor of this kind that does not move.
 fn still(spec: PredictorSpec, objective: Objective, carry_gradients: bool) -> LearningPredictor {
-    let settings =
-        PredictorSettings { objective, learning_rate: 0.0, largest_gradient: 0.1, carry_gradients };
+    let settings = PredictorSettings {
+        learning_rate: 0.0,
+        largest_gradient: 0.1,
+        carry_gradients,
+        ..PredictorSettings::paper(objective)
+    };
     LearningPredictor::new(&spec, &settings, &dims(), Backend::Native, 2)
 }
 
@@ -205,15 +209,17 @@ fn operations_counted_by_hand() {
     let expected = actor + critic + predictor(4) + predictor(7);
     assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
 
-    // A predictor that sees its agent's action has a row for each agent, and 3 x 5 more values in it.
-    let settings = acting(Settings {
+    // A predictor that sees its agent's action has a row for each agent, and 3 x 5 more values in it. A skip's input
+    // has no derivative either.
+    let mut settings = acting(Settings {
         predictor_updates: 2,
         epochs: 3,
         ..self::settings(ActorKind::Gru, Sharing::Shared)
     });
+    settings.networks.predictors.iter_mut().for_each(|predictor| predictor.skip = true);
     let team = self::team(settings, 1);
-    let first = 23 * 5;
-    let predictor = |episodes: usize| 2 * (2 * first + 3 * (cell + out)) * 2 * (episodes * 5) * N;
+    let on_input = 23 * 5 + 23 * 12;
+    let predictor = |episodes: usize| 2 * (2 * on_input + 3 * (cell + out)) * 2 * (episodes * 5) * N;
     let expected = actor + critic + predictor(4) + predictor(7);
     assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
 }
