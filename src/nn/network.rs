@@ -70,7 +70,11 @@ impl Network {
         const TENSORS_PER_NETWORK: usize = 16;
         let tensors = self.layers.iter().flat_map(|layer| {
             // PyTorch takes the inverse square root of a linear layer's inputs, and of a cell's hidden size.
-            let bound = 1.0 / (layer.inputs() as f64).sqrt();
+            // A skip starts at nothing: what imputes with an untrained one would amplify its own estimates.
+            let bound = match layer {
+                Layer::Skip { .. } => 0.0,
+                layer => 1.0 / (layer.inputs() as f64).sqrt(),
+            };
             layer.tensors().into_iter().map(move |(tensor, shape)| (layer.name(), tensor, shape, bound))
         });
         let tensors = tensors.enumerate().map(|(at, (layer, tensor, shape, bound))| {

@@ -119,6 +119,30 @@ impl Policy {
         Policy::new(&self.dims, self.meta.clone(), self.networks.clone(), values)
     }
 
+    /// This policy with one more predictor, or another in place of the one of that name, with these values: those of its
+    /// tensors, one after the other.
+    ///
+    /// # Errors
+    /// `Usage` if there cannot be such a predictor; `Failed` if there are too many values or too few, or one is not
+    /// finite.
+    pub fn with_predictor(&self, spec: &PredictorSpec, values: &[f32]) -> Result<Policy> {
+        let mut all = vec![0.0; self.n_values()];
+        self.copy_values(&mut all);
+        let mut networks = self.networks.clone();
+        match networks.predictors.iter().position(|predictor| predictor.name == spec.name) {
+            Some(at) => {
+                let range = self.predictor_range(&spec.name).expect("it has this predictor");
+                all.splice(range, values.iter().copied());
+                networks.predictors[at] = spec.clone();
+            }
+            None => {
+                all.extend_from_slice(values);
+                networks.predictors.push(spec.clone());
+            }
+        }
+        Policy::new(&self.dims, self.meta.clone(), networks, &all)
+    }
+
     /// Writes the policy to `path`, where there is always the old file or the new one.
     ///
     /// # Errors

@@ -40,6 +40,9 @@ pub struct Trajectories<'a> {
     pub lengths: &'a [usize],
     /// Joint observations, `[observations or more, rows, joint]`.
     pub joint: &'a [f32],
+    /// What the agents made of them, `[observations or more, rows, agents, joint]`; empty where predictors are to see the
+    /// truth.
+    pub estimates: &'a [f32],
     /// What the agents did at each of them, `[observations or more, rows, agents]`; empty where nobody sees that.
     pub actions: &'a [u8],
 }
@@ -57,15 +60,21 @@ impl Trajectories<'_> {
 }
 
 impl Batch {
-    /// The episodes as trajectories.
+    /// The episodes as trajectories of which predictors see the truth.
     pub fn trajectories(&self) -> Trajectories<'_> {
         Trajectories {
             rows: self.episodes,
             observations: self.steps,
             lengths: self.ends.lengths(),
             joint: &self.joint,
+            estimates: &[],
             actions: &self.actions,
         }
+    }
+
+    /// The episodes as trajectories of which predictors see what the agents saw.
+    pub fn trajectories_as_seen(&self) -> Trajectories<'_> {
+        Trajectories { estimates: &self.estimates, ..self.trajectories() }
     }
 
     /// What means are over: steps played, episodes and agents.

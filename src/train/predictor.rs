@@ -72,6 +72,13 @@ impl LearningPredictor {
         if self.spec.sees_own_action() { self.dims.n_agents } else { 1 }
     }
 
+    /// One step on trajectories whose every step counts alike. `None` if there was nothing to learn from.
+    pub(super) fn learn_alike(&mut self, trajectories: Trajectories) -> Option<PredictorLosses> {
+        let steps = trajectories.observations.saturating_sub(1);
+        self.weights.resize(steps * trajectories.rows * self.dims.n_agents).fill(1.0);
+        self.step(trajectories)
+    }
+
     /// Its steps of one update, on the `batch` and its `advantages` `[T, E, agents]` or on one of `replays`
     /// each, as its objective asks. `None` if there was nothing to learn from: no replay yet, or nothing
     /// that counts.
@@ -107,12 +114,7 @@ impl LearningPredictor {
         replay: Option<&Trajectories>,
     ) -> Option<PredictorLosses> {
         match self.settings.objective {
-            Objective::Maro => {
-                let replay = *replay?;
-                let steps = replay.observations.saturating_sub(1);
-                self.weights.resize(steps * replay.rows * self.dims.n_agents).fill(1.0);
-                self.step(replay)
-            }
+            Objective::Maro => self.learn_alike(*replay?),
             Objective::ValueAware { lambda } => {
                 // Dividing by the mean weight, as the paper does, cancels in the loss.
                 let steps = batch.observations.saturating_sub(1);
@@ -155,8 +157,9 @@ impl LearningPredictor {
         if total == 0.0 {
             return None;
         }
-        self.see(steps, &trajectories);
-        let (views, &Dims { joint: width, predicted, n_agents, .. }) = (self.views(), &self.dims);
+        let &Dims { joint: width, predicted, n_agents, .. } = &self.dims;
+        let views = if trajectories.estimates.is_empty() { self.views() } else { n_agents };
+        self.see(steps, views, &trajectories);
         let total = total * views as f64;
         let Parameters { values, gradient, .. } = &mut self.parameters;
         let out = self.passes.forward(values, steps, rows * views, &self.x);
@@ -171,7 +174,11 @@ impl LearningPredictor {
             if !trajectories.has_transition(at) {
                 continue;
             }
-            let (before, after) = (&joint[at * width..][..width], &joint[(at + rows) * width..][..width]);
+            let before = match trajectories.estimates {
+                [] => &joint[at * width..][..width],
+                estimates => &estimates[view * width..][..width],
+            };
+            let after = &joint[(at + rows) * width..][..width];
             let weights = &self.weights[at * n_agents..][..n_agents];
             let (mean, raw) = out.split_at(predicted);
             let (d_mean, d_raw) = d.split_at_mut(predicted);
@@ -200,11 +207,11 @@ impl LearningPredictor {
         Some((loss, sum / (transitions * n_agents * views) as f64))
     }
 
-    /// Writes down what it sees: the joint observation, and what the row's agent does there if that is part of it. Where
-    /// there is no transition to learn from it sees zeros.
-    fn see(&mut self, steps: usize, trajectories: &Trajectories) {
-        let Trajectories { rows, joint, actions, .. } = *trajectories;
-        let (views, length) = (self.views(), self.dims.joint);
+    /// Writes down what it sees: the joint observation, or the agents' estimates of it, and what the row's agent does
+    /// there if that is part of it. Where there is no transition to learn from it sees zeros.
+    fn see(&mut self, steps: usize, views: usize, trajectories: &Trajectories) {
+        let Trajectories { rows, joint, estimates, actions, .. } = *trajectories;
+        let Dims { joint: length, n_agents, .. } = self.dims;
         let width = self.parameters.specs[0].shape[0];
         let x = self.x.resize(steps * rows * views * width);
         x.fill(0.0);
@@ -212,9 +219,13 @@ impl LearningPredictor {
         for (at, x) in transitions.filter(|(at, _)| trajectories.has_transition(*at)) {
             for (agent, x) in x.chunks_exact_mut(width).enumerate() {
                 let (estimate, acts) = x.split_at_mut(length);
-                estimate.copy_from_slice(&joint[at * length..][..length]);
+                let seen = match estimates {
+                    [] => &joint[at * length..],
+                    estimates => &estimates[(at * views + agent) * length..],
+                };
+                estimate.copy_from_slice(&seen[..length]);
                 if self.spec.sees_own_action() {
-                    acts[self.dims.act(agent, actions[at * views + agent].into())] = 1.0;
+                    acts[self.dims.act(agent, actions[at * n_agents + agent].into())] = 1.0;
                 }
             }
         }

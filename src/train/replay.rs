@@ -104,6 +104,7 @@ impl Replay {
             observations,
             lengths,
             joint,
+            estimates: &[],
             actions,
         });
         trajectories.collect()

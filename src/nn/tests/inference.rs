@@ -39,6 +39,8 @@ proptest! {
         let inputs = if acting { vec![Input::Estimate, Input::OwnAction] } else { vec![Input::Estimate] };
         let predictors = vec![PredictorSpec { hidden, inputs, skip, ..PredictorSpec::paper("one") }];
         let policy = Policy::untrained(&dims, seed, Networks { actor, sharing, hidden, predictors }).unwrap();
+        let weights: Vec<f32> = numbers(seed, policy.n_values()).iter().map(|value| value * 0.1).collect();
+        let policy = policy.with_values(&weights).unwrap();
         let steps: Vec<_> = (0..4).map(|step| numbers(seed ^ step, rows * joint)).collect();
         let acts: Vec<usize> = (0..rows).map(|row| (seed as usize ^ row) % (n_agents * n_actions)).collect();
         let actors = (0..n_agents).map(|agent| {

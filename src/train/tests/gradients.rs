@@ -106,3 +106,26 @@ fn the_gradient_of_a_predictor_is_that_of_its_loss() {
         }
     }
 }
+
+#[test]
+fn the_gradient_of_a_predictor_in_closed_loop_is_that_of_its_loss() {
+    for inputs in [vec![Input::Estimate], vec![Input::Estimate, Input::OwnAction]] {
+        for mut batch in [batch(5), ended(5)] {
+            let rows = (batch.steps + 1) * batch.episodes * N;
+            batch.estimates = numbers(12, rows * dims().joint);
+            let spec =
+                PredictorSpec { hidden: 5, skip: true, inputs: inputs.clone(), ..PredictorSpec::paper("p") };
+            let mut predictor = still(spec, Objective::Maro, false);
+            let on_truth = predictor.learn_alike(batch.trajectories()).unwrap().loss;
+            let learn = |predictor: &mut LearningPredictor| {
+                predictor.learn_alike(batch.trajectories_as_seen()).unwrap().loss
+            };
+            assert_ne!(learn(&mut predictor), on_truth);
+            let Parameters { values, gradient, .. } = predictor.parameters.clone();
+            check_gradient(&format!("{inputs:?}, {:?}", batch.ends), &values, &gradient, |values| {
+                predictor.parameters.values = values.clone();
+                learn(&mut predictor)
+            });
+        }
+    }
+}

@@ -3,6 +3,7 @@
 mod checkpoint;
 mod ends;
 mod estimates;
+mod fit;
 mod gradients;
 mod learner_state;
 mod losses;

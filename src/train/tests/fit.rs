@@ -1,0 +1,129 @@
+//! Predictors for policies that do not change.
+
+use super::*;
+use crate::agent::{dims, paper_actor};
+use crate::base::error::Error;
+use crate::environment::Task;
+use crate::nn::TensorSpec;
+use crate::supervisor::InProcess;
+use crate::train::{Feed, Fit, FitSettings, fit_predictor};
+
+fn task() -> Task {
+    Task::parse("spread-xy-2").unwrap()
+}
+
+fn policy() -> Policy {
+    let spec = PredictorSpec { hidden: 4, ..PredictorSpec::paper("old") };
+    let kind = paper_actor(task().spec());
+    let networks = Networks { hidden: 8, predictors: vec![spec], ..Networks::paper(kind) };
+    Policy::untrained(&dims(task().spec()), 3, networks).unwrap()
+}
+
+fn spec() -> PredictorSpec {
+    let inputs = vec![Input::Estimate, Input::OwnAction];
+    PredictorSpec { hidden: 8, inputs, skip: true, ..PredictorSpec::paper("fitted") }
+}
+
+fn settings(feed: Feed, loss: Loss) -> FitSettings {
+    FitSettings { updates: 60, episodes: 4, learning_rate: 1e-2, feed, loss, ..FitSettings::default() }
+}
+
+/// What comes of a fit, and the loss of each update.
+fn fitted(settings: &FitSettings) -> (Policy, Vec<f64>) {
+    let mut losses = Vec::new();
+    let note = |_, found: &PredictorLosses| {
+        losses.push(found.loss);
+        Ok(())
+    };
+    let policy = fit_predictor(&policy(), &task(), &spec(), settings, note).unwrap();
+    (policy, losses)
+}
+
+fn bits(policy: &Policy) -> Vec<u32> {
+    policy.tensors().flat_map(|(_, tensor)| tensor.values()).map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn a_fit_learns_and_changes_nothing_else() {
+    for (feed, loss) in
+        [Feed::Truth, Feed::ClosedLoop].into_iter().flat_map(|feed| [(feed, Loss::Nll), (feed, Loss::Mse)])
+    {
+        let (fitted, losses) = fitted(&settings(feed, loss));
+        let mean = |losses: &[f64]| losses.iter().sum::<f64>() / losses.len() as f64;
+        let (first, last) = (mean(&losses[..10]), mean(&losses[50..]));
+        assert!(last < first - 0.2 * first.abs(), "{feed:?}, {loss:?}: from {first} to {last}");
+        let (before, after) = (bits(&policy()), bits(&fitted));
+        assert_eq!(after[..before.len()], before, "{feed:?}, {loss:?}");
+        assert_eq!(fitted.predictor_names().collect::<Vec<_>>(), ["old", "fitted"]);
+    }
+}
+
+#[test]
+fn what_a_fit_comes_to_follows_from_its_seed_and_feed() {
+    let closed = settings(Feed::ClosedLoop, Loss::Nll);
+    let closed = FitSettings { updates: 5, ..closed };
+    assert_eq!(bits(&fitted(&closed).0), bits(&fitted(&closed).0));
+    let others =
+        [FitSettings { seed: 1, ..closed.clone() }, FitSettings { feed: Feed::Truth, ..closed.clone() }];
+    for other in others {
+        assert_ne!(bits(&fitted(&closed).0), bits(&fitted(&other).0), "{other:?}");
+    }
+}
+
+#[test]
+fn constants_are_found_and_held() {
+    // A landmark stays where it is, and what hears of it sees it at a place that moves.
+    let task = Task::parse("speaker-listener").unwrap();
+    let networks = Networks { hidden: 4, predictors: Vec::new(), ..Networks::paper(ActorKind::Mlp) };
+    let policy = Policy::untrained(&dims(task.spec()), 3, networks).unwrap();
+    let held = |hold_constants| {
+        let settings = FitSettings { hold_constants, updates: 1, episodes: 3, ..FitSettings::default() };
+        let policy = fit_predictor(&policy, &task, &spec(), &settings, |_, _| Ok(())).unwrap();
+        policy.predictor("fitted").unwrap().spec().held.clone()
+    };
+    assert!(held(false).is_empty());
+    let (found, predicted) = (held(true), policy.dims().predicted);
+    assert!(!found.is_empty() && found.len() < predicted, "{found:?} of {predicted}");
+}
+
+#[test]
+fn a_fit_that_is_resumed_comes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("fit.safetensors");
+    let settings = FitSettings { updates: 7, ..settings(Feed::ClosedLoop, Loss::Nll) };
+    let (expected, _) = fitted(&settings);
+    let fresh = |settings| Fit::new(&policy(), &task(), &spec(), settings).unwrap();
+    let go_on = |fit: &mut Fit, until: u64| {
+        let mut agents = InProcess::new(&fit.agents(), &fit.policy().unwrap()).unwrap();
+        while fit.updates() < until {
+            fit.update(&mut agents).unwrap();
+        }
+    };
+    let mut fit = fresh(&settings);
+    go_on(&mut fit, 3);
+    fit.save(&path).unwrap();
+    let mut fit = fresh(&settings).resume(&path).unwrap();
+    assert_eq!(fit.updates(), 3);
+    go_on(&mut fit, 7);
+    assert_eq!(bits(&fit.policy().unwrap()), bits(&expected));
+
+    let other = FitSettings { updates: 8, ..settings.clone() };
+    let error = fresh(&other).resume(&path).unwrap_err();
+    assert!(matches!(&error, Error::Usage(why) if why.contains("its `settings` is")), "{error}");
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
+    let error = fresh(&settings).resume(&path).unwrap_err().to_string();
+    assert!(error.contains("is damaged"), "{error}");
+}
+
+#[test]
+fn a_predictor_takes_the_place_of_the_one_of_its_name() {
+    let spec = PredictorSpec { name: "old".to_owned(), ..spec() };
+    let n: usize = spec.network(policy().dims()).tensors().iter().map(TensorSpec::n_values).sum();
+    let values = numbers(1, n);
+    let policy = policy().with_predictor(&spec, &values).unwrap();
+    assert_eq!(policy.networks().predictors, [spec.clone()]);
+    let found = &bits(&policy)[policy.predictor_range("old").unwrap()];
+    assert!(found.iter().zip(&values).all(|(found, value)| *found == value.to_bits()));
+    assert!(policy.with_predictor(&spec, &values[1..]).is_err());
+}
