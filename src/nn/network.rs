@@ -85,7 +85,7 @@ impl Network {
     }
 
     /// Whether a tensor of this name is one of its own.
-    pub(super) fn owns(&self, tensor: &str) -> bool {
+    pub(crate) fn owns(&self, tensor: &str) -> bool {
         tensor.strip_prefix(&self.name).is_some_and(|rest| rest.starts_with('.'))
     }
 }

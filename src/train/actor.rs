@@ -157,7 +157,7 @@ impl AddAssign for ActorLosses {
 }
 
 /// Probabilities from logits.
-fn softmax(logits: &[f32], pi: &mut [f32]) {
+pub(super) fn softmax(logits: &[f32], pi: &mut [f32]) {
     let largest = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let mut sum = 0.0;
     for (pi, logit) in pi.iter_mut().zip(logits) {

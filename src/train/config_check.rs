@@ -1,7 +1,7 @@
 //! What of a configuration makes no sense, though every setting has a value of its type.
 
 use super::config::{Algorithm, Config, TrainP, objective};
-use super::settings::CriticInput;
+use super::settings::{CriticInput, Loss};
 use crate::base::error::Result;
 use crate::usage;
 
@@ -54,6 +54,11 @@ impl Config {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(usage!("`{key}` is {value}, expected 0 or more"));
             }
+        }
+        if self.predictor_loss == Loss::Kl {
+            return Err(usage!(
+                "`predictor_loss` is kl, which is for policies that do not change any more; expected nll or mse"
+            ));
         }
         if self.algorithm == Algorithm::Ippo && self.critic_input == CriticInput::AllObservations {
             return Err(usage!(

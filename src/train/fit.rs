@@ -2,12 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::checkpoint::available_actions;
+use super::divergence::Divergence;
 use super::predictor::LearningPredictor;
 use super::settings::{Backend, Loss, Objective, PredictorSettings};
 use super::{Batch, Parameters, PredictorLosses, Rollout};
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::Result;
-use crate::environment::Task;
+use crate::environment::{About, Task, Value};
 use crate::failed;
 use crate::link::{Links, Uniform};
 use crate::nn::kernels::all_finite;
@@ -16,7 +18,7 @@ use crate::supervisor::{InProcess, Team};
 
 /// How a predictor is taught for a policy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct FitSettings {
     /// Steps of Adam, each on fresh episodes.
     pub updates: u64,
@@ -30,6 +32,9 @@ pub struct FitSettings {
     pub learning_rate: f64,
     /// Largest norm of the gradient.
     pub largest_gradient: f64,
+    /// What a dim that tells of the agent itself counts for, whoever observes it; all others count for one. The return
+    /// depends most on what an agent believes of itself.
+    pub own_weight: f64,
     /// Whether it is kept from predicting dims that never changed in the first episodes.
     pub hold_constants: bool,
     /// Seed of every draw.
@@ -57,6 +62,7 @@ impl Default for FitSettings {
             loss: Loss::default(),
             learning_rate: 1e-3,
             largest_gradient: 1.0,
+            own_weight: 1.0,
             hold_constants: true,
             seed: 0,
         }
@@ -118,7 +124,11 @@ impl Fit {
             ..PredictorSettings::paper(Objective::Maro)
         };
         let dims = policy.dims();
-        let predictor = LearningPredictor::new(&spec, &learning, dims, Backend::Native, settings.seed);
+        let mut predictor = LearningPredictor::new(&spec, &learning, dims, Backend::Native, settings.seed);
+        predictor.importance = importance(task, settings.own_weight);
+        if settings.loss == Loss::Kl {
+            predictor.divergence = Some(Divergence::new(policy, &available_actions(task.spec())));
+        }
         Ok(Fit {
             rollout: rollout(task, settings, 0),
             batch: Batch::zeros(task.spec(), settings.episodes, settings.feed == Feed::ClosedLoop),
@@ -198,6 +208,20 @@ pub(super) fn rollout(task: &Task, settings: &FitSettings, played: u64) -> Rollo
 /// The values of all tensors, one after the other.
 fn values(parameters: &Parameters) -> Vec<f32> {
     parameters.tensors().flat_map(|(_, values)| values).copied().collect()
+}
+
+/// What each predicted dim counts for to each agent, `[agents, predicted]`.
+pub(super) fn importance(task: &Task, own_weight: f64) -> Vec<f32> {
+    let (spec, unique) = (task.spec(), task.spec().unique_dim());
+    let mut importance = vec![1.0; spec.n_agents() * spec.n_agents() * unique];
+    for (agent, importance) in importance.chunks_exact_mut(spec.n_agents() * unique).enumerate() {
+        for (dims, observer) in importance.chunks_exact_mut(unique).zip(&spec.agents) {
+            let about_it = |(_, value): &(&mut f32, &Value)| value.about == About::Agent(agent);
+            let own = dims.iter_mut().zip(&observer.observation).filter(about_it);
+            own.for_each(|(importance, _)| *importance = own_weight as f32);
+        }
+    }
+    importance
 }
 
 /// The predicted dims that change at no step of some episodes.

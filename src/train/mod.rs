@@ -24,6 +24,7 @@ mod checkpoint;
 mod config;
 mod config_check;
 mod critic;
+mod divergence;
 mod ends;
 mod fit;
 mod fit_state;

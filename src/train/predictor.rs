@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::batch::Trajectories;
+use super::divergence::Divergence;
 use super::ends::blank;
 use super::memory::{Buffer, Flat};
 use super::network::Passes;
@@ -23,6 +24,11 @@ pub struct LearningPredictor {
     x: Buffer,
     /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
     weights: Buffer,
+    /// What each predicted dim counts for beside that where agents see different things, `[agents, predicted]`; empty if
+    /// all count alike.
+    pub(super) importance: Vec<f32>,
+    /// What [`Loss::Kl`] is of.
+    pub(super) divergence: Option<Divergence>,
     d: Buffer,
     /// The clipped gradient of the step before, if it is carried on.
     pub(super) carried: Option<Flat>,
@@ -34,7 +40,8 @@ pub struct LearningPredictor {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PredictorLosses {
     /// What is minimised: the negative log-likelihood, or the squared error, of an agent's own part, summed over its
-    /// dims, in the mean over time, trajectories and agents by what each counts for.
+    /// dims, in the mean over time, trajectories and agents by what each counts for; or the divergence of probabilities
+    /// of actions.
     pub loss: f64,
     /// The negative log-likelihood where everything counts alike.
     pub nll: f64,
@@ -62,6 +69,8 @@ impl LearningPredictor {
             dims: dims.clone(),
             x: Buffer::default(),
             weights: Buffer::default(),
+            importance: Vec::new(),
+            divergence: None,
             d: Buffer::default(),
             busy: Duration::ZERO,
         }
@@ -183,7 +192,8 @@ impl LearningPredictor {
             let (mean, raw) = out.split_at(predicted);
             let (d_mean, d_raw) = d.split_at_mut(predicted);
             for dim in (0..predicted).filter(|dim| !self.spec.held.contains(dim)) {
-                let share = f64::from(weights[dim / unique]) / total;
+                let importance = self.importance.get(view % views * predicted + dim).copied().unwrap_or(1.0);
+                let share = f64::from(weights[dim / unique] * importance) / total;
                 // -log N(delta; mean, sigma) = z^2 / 2 + log sigma + log sqrt(2 pi), z = (delta - mean) / sigma
                 let log_std = self.spec.sigma.log_std(raw[dim]);
                 let (error, scale) = (after[dim] - before[dim] - mean[dim], (-log_std).exp());
@@ -200,8 +210,13 @@ impl LearningPredictor {
                         loss += share * f64::from(error * error);
                         d_mean[dim] = -2.0 * share as f32 * error;
                     }
+                    Loss::Kl => {}
                 }
             }
+        }
+        if self.settings.loss == Loss::Kl {
+            let divergence = self.divergence.as_mut().expect("there is a policy to compare with");
+            loss = divergence.differentiate(&trajectories, &self.spec.held, out, &mut self.d);
         }
         self.passes.backward(values, &self.x, &self.d, gradient);
         Some((loss, sum / (transitions * n_agents * views) as f64))

@@ -118,6 +118,9 @@ pub enum Loss {
     Nll,
     /// The squared error of the mean; nothing is learned of sigma.
     Mse,
+    /// How far the probabilities of actions of a policy that does not change are on what is imputed from those on the
+    /// truth; nothing is learned of sigma.
+    Kl,
 }
 
 impl PredictorSettings {

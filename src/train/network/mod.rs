@@ -12,7 +12,7 @@ mod native;
 mod tests;
 
 use self::candle::Candle;
-use self::native::Native;
+pub(super) use self::native::Native;
 use super::memory::Flat;
 use super::settings::Backend;
 use crate::nn::Network;
@@ -46,7 +46,9 @@ impl Passes {
     /// `gradient` becomes that of a loss whose derivative by the outputs of the last forward pass, that of `x`, is `d`.
     pub fn backward(&mut self, weights: &Flat, x: &[f32], d: &[f32], gradient: &mut Flat) {
         match self {
-            Passes::Native(native) => native.backward(weights, x, d, gradient),
+            Passes::Native(native) => {
+                native.backward(weights, x, d, gradient);
+            }
             Passes::Candle(candle) => candle.backward(d, gradient),
         }
     }

@@ -17,6 +17,8 @@ pub struct Native {
     d_output: Buffer,
     d_input: Buffer,
     transposed: Buffer,
+    /// Whether somebody asks for the derivative by what the network itself sees.
+    to_input: bool,
 }
 
 /// What a layer keeps for the way back.
@@ -45,7 +47,12 @@ impl Native {
         });
         let passes = passes.collect();
         let [d_output, d_input, transposed] = Default::default();
-        Native { all: 0, passes, d_output, d_input, transposed }
+        Native { all: 0, passes, d_output, d_input, transposed, to_input: false }
+    }
+
+    /// The same, and its backward pass goes on to the derivative by what the network itself sees. It has no skip.
+    pub fn to_input(network: &Network) -> Native {
+        Native { to_input: true, ..Native::new(network) }
     }
 
     /// See [`Passes::forward`](super::Passes::forward).
@@ -82,17 +89,17 @@ impl Native {
         x
     }
 
-    /// See [`Passes::backward`](super::Passes::backward).
-    pub fn backward(&mut self, weights: &Flat, seen: &[f32], d: &[f32], gradient: &mut Flat) {
-        let Native { all, passes, d_output, d_input, transposed } = self;
+    /// See [`Passes::backward`](super::Passes::backward). Returns the derivative by what the network itself sees, if
+    /// somebody asks for it.
+    pub fn backward(&mut self, weights: &Flat, seen: &[f32], d: &[f32], gradient: &mut Flat) -> &[f32] {
+        let Native { all, passes, d_output, d_input, transposed, to_input } = self;
         let all = *all;
         d_output.resize(d.len()).copy_from_slice(d);
         for at in (0..passes.len()).rev() {
             let (before, now) = passes.split_at_mut(at);
             let (first, pass) = &mut now[0];
             let x = before.last().map_or(seen, |(_, before)| before.out());
-            // By what the network itself sees nobody asks for a derivative.
-            d_input.resize(if at == 0 { 0 } else { x.len() });
+            d_input.resize(if at == 0 && !*to_input { 0 } else { x.len() });
             match pass {
                 Pass::Linear { relu, out } => {
                     let [weight, _] = weights.tensors(*first);
@@ -125,6 +132,7 @@ impl Native {
             }
             std::mem::swap(d_output, d_input);
         }
+        d_output
     }
 }
 

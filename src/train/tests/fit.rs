@@ -3,9 +3,10 @@
 use super::*;
 use crate::agent::{dims, paper_actor};
 use crate::base::error::Error;
-use crate::environment::Task;
+use crate::environment::{About, Task};
 use crate::nn::TensorSpec;
 use crate::supervisor::InProcess;
+use crate::train::fit::importance;
 use crate::train::{Feed, Fit, FitSettings, fit_predictor};
 
 fn task() -> Task {
@@ -84,6 +85,37 @@ fn constants_are_found_and_held() {
     assert!(held(false).is_empty());
     let (found, predicted) = (held(true), policy.dims().predicted);
     assert!(!found.is_empty() && found.len() < predicted, "{found:?} of {predicted}");
+}
+
+#[test]
+fn what_tells_of_an_agent_itself_can_count_for_more() {
+    // Each agent observes one axis: its own place and velocity, and those of its teammate.
+    let (spec, weights) = (task().spec().clone(), importance(&task(), 7.0));
+    let predicted = spec.n_agents() * spec.unique_dim();
+    assert_eq!(weights.len(), spec.n_agents() * predicted);
+    for (agent, weights) in weights.chunks_exact(predicted).enumerate() {
+        for (dim, &weight) in weights.iter().enumerate() {
+            let value = &spec.agents[dim / spec.unique_dim()].observation[dim % spec.unique_dim()];
+            assert_eq!(weight, if value.about == About::Agent(agent) { 7.0 } else { 1.0 });
+        }
+        for part in weights.chunks_exact(spec.unique_dim()) {
+            assert!(part.contains(&7.0), "agent {agent} is seen by both");
+        }
+    }
+    let fit = |own_weight| {
+        let settings = settings(Feed::ClosedLoop, Loss::Mse);
+        bits(&fitted(&FitSettings { own_weight, updates: 3, ..settings }).0)
+    };
+    assert_ne!(fit(1.0), fit(7.0));
+}
+
+#[test]
+fn a_fit_for_the_policy_itself_brings_its_actions_closer() {
+    let settings = FitSettings { updates: 150, ..settings(Feed::Truth, Loss::Kl) };
+    let (_, losses) = fitted(&settings);
+    let mean = |losses: &[f64]| losses.iter().sum::<f64>() / losses.len() as f64;
+    let (first, last) = (mean(&losses[..10]), mean(&losses[120..]));
+    assert!(last < 0.8 * first, "from {first} to {last}");
 }
 
 #[test]

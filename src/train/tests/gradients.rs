@@ -116,6 +116,7 @@ fn the_gradient_of_a_predictor_in_closed_loop_is_that_of_its_loss() {
             let spec =
                 PredictorSpec { hidden: 5, skip: true, inputs: inputs.clone(), ..PredictorSpec::paper("p") };
             let mut predictor = still(spec, Objective::Maro, false);
+            predictor.importance = (0..N * dims().predicted).map(|at| (at % 4) as f32).collect();
             let on_truth = predictor.learn_alike(batch.trajectories()).unwrap().loss;
             let learn = |predictor: &mut LearningPredictor| {
                 predictor.learn_alike(batch.trajectories_as_seen()).unwrap().loss
@@ -123,6 +124,41 @@ fn the_gradient_of_a_predictor_in_closed_loop_is_that_of_its_loss() {
             assert_ne!(learn(&mut predictor), on_truth);
             let Parameters { values, gradient, .. } = predictor.parameters.clone();
             check_gradient(&format!("{inputs:?}, {:?}", batch.ends), &values, &gradient, |values| {
+                predictor.parameters.values = values.clone();
+                learn(&mut predictor)
+            });
+        }
+    }
+}
+
+#[test]
+fn the_gradient_through_a_policy_is_that_of_the_divergence() {
+    for (kind, sharing) in kinds() {
+        let networks = Networks { hidden: 7, predictors: Vec::new(), sharing, ..Networks::paper(kind) };
+        let policy = Policy::untrained(&dims(), 5, networks).unwrap();
+        // An actor that minds what it sees.
+        let weights: Vec<f32> = numbers(5, policy.n_values()).iter().map(|weight| 1.5 * weight).collect();
+        let policy = policy.with_values(&weights).unwrap();
+        for (inputs, in_closed_loop) in [
+            (vec![Input::Estimate], false),
+            (vec![Input::Estimate, Input::OwnAction], false),
+            (vec![Input::Estimate], true),
+        ] {
+            let mut batch = ended(5);
+            batch.estimates = numbers(12, (batch.steps + 1) * batch.episodes * N * dims().joint);
+            let spec =
+                PredictorSpec { hidden: 5, skip: true, inputs, held: vec![3], ..PredictorSpec::paper("p") };
+            let mut predictor = still(spec, Objective::Maro, false);
+            predictor.settings.loss = Loss::Kl;
+            predictor.divergence = Some(Divergence::new(&policy, &AVAILABLE));
+            let learn = |predictor: &mut LearningPredictor| {
+                let seen = if in_closed_loop { batch.trajectories_as_seen() } else { batch.trajectories() };
+                predictor.learn_alike(seen).unwrap().loss
+            };
+            assert!(learn(&mut predictor) > 0.0);
+            let Parameters { values, gradient, .. } = predictor.parameters.clone();
+            let what = format!("{kind}, {sharing}, {in_closed_loop}, {:?}", predictor.views());
+            check_gradient(&what, &values, &gradient, |values| {
                 predictor.parameters.values = values.clone();
                 learn(&mut predictor)
             });

@@ -10,6 +10,7 @@ mod losses;
 mod predictors;
 
 use super::batch::gather;
+use super::divergence::Divergence;
 use super::memory::{Buffer, Flat};
 use super::network::Passes;
 use super::*;
