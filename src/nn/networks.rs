@@ -241,6 +241,13 @@ impl PredictorSpec {
         PredictorSpec { name: name.to_string(), inputs, sigma, held: Vec::new(), hidden: 128, skip: false }
     }
 
+    /// Ours: as in the paper, but it sees the own action too, and has a skip, by which what follows linearly from what it
+    /// sees need not pass through the LSTM.
+    pub fn acting(name: &str) -> PredictorSpec {
+        let inputs = vec![Input::Estimate, Input::OwnAction];
+        PredictorSpec { inputs, skip: true, ..PredictorSpec::paper(name) }
+    }
+
     /// Whether the agent's own action is part of what it sees.
     pub fn sees_own_action(&self) -> bool {
         self.inputs.contains(&Input::OwnAction)

@@ -56,13 +56,13 @@ pub enum Feed {
 impl Default for FitSettings {
     fn default() -> FitSettings {
         FitSettings {
-            updates: 3000,
+            updates: 9000,
             episodes: 32,
             feed: Feed::default(),
-            loss: Loss::default(),
-            learning_rate: 1e-3,
+            loss: Loss::Mse,
+            learning_rate: 2e-3,
             largest_gradient: 1.0,
-            own_weight: 1.0,
+            own_weight: 10.0,
             hold_constants: true,
             seed: 0,
         }

@@ -21,8 +21,7 @@ fn policy() -> Policy {
 }
 
 fn spec() -> PredictorSpec {
-    let inputs = vec![Input::Estimate, Input::OwnAction];
-    PredictorSpec { hidden: 8, inputs, skip: true, ..PredictorSpec::paper("fitted") }
+    PredictorSpec { hidden: 8, ..PredictorSpec::acting("fitted") }
 }
 
 fn settings(feed: Feed, loss: Loss) -> FitSettings {
