@@ -73,6 +73,7 @@ fn updates(c: &mut Criterion) {
             observations: numbers((rows + EPISODES) * n * task.spec().padded_obs_dim()),
             joint: numbers((rows + EPISODES) * task.spec().joint_dim()),
             estimates: Vec::new(),
+            ages: Vec::new(),
             actions: (0..rows * n).map(|at| (at % 3) as u8).collect(),
             rewards: numbers(rows),
             ends: Ends::truncated(EPISODES, EPISODE_STEPS),

@@ -304,6 +304,7 @@ fn an_update_allocates_nothing_once_warm() {
             observations: vec![0.5; (steps + 1) * episodes * n * task.spec().padded_obs_dim()],
             joint: vec![0.5; (steps + 1) * episodes * task.spec().joint_dim()],
             estimates: Vec::new(),
+            ages: Vec::new(),
             actions: vec![1; steps * episodes * n],
             rewards: (0..steps * episodes).map(|at| at as f32).collect(),
             ends: Ends::truncated(episodes, steps),

@@ -7,7 +7,7 @@ use clap::Args;
 use super::{print, table};
 use crate::base::error::Result;
 use crate::base::stats::mean;
-use crate::nn::{PolicyFile, PredictorSpec, Sigma};
+use crate::nn::{Input, PolicyFile, PredictorSpec, Sigma};
 use crate::recording::Recording;
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
@@ -71,7 +71,16 @@ fn inspect_policy(path: &Path) -> Result<()> {
 
 fn predictor_words(predictor: &PredictorSpec) -> String {
     let PredictorSpec { name, hidden, .. } = predictor;
-    let sees = if predictor.sees_own_action() { ", sees the own action" } else { "" };
+    let sees: String = predictor.inputs[1..]
+        .iter()
+        .map(|input| match input {
+            Input::Estimate => "",
+            Input::Delivered => ", sees what arrives",
+            Input::Age => ", sees ages",
+            Input::Innovation => ", sees innovations",
+            Input::OwnAction => ", sees the own action",
+        })
+        .collect();
     let skip = if predictor.skip { ", skip" } else { "" };
     let sigma = if predictor.sigma == Sigma::SoftBounded { ", soft-bounded sigma" } else { "" };
     format!("{name} (hidden {hidden}{sees}{skip}{sigma})")

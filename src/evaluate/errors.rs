@@ -8,7 +8,7 @@ use crate::agent::JointLayout;
 use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{Spec, Unit, Value};
-use crate::nn::{Dims, NetworkState, Policy, Predictor, Scratch};
+use crate::nn::{Dims, Policy, Predictor, PredictorState, Scratch};
 use crate::supervisor::{Decisions, Observer, Stage, Tick};
 
 /// Half the width of the central 50 % and 95 % intervals of a normal distribution, in sigma.
@@ -44,7 +44,7 @@ struct Expectation {
     dims: Dims,
     /// What each row's agent does, by its number among the team's actions.
     acts: Vec<usize>,
-    state: NetworkState,
+    state: PredictorState,
     scratch: Scratch,
     /// `[agents, worlds, 2, predicted]`.
     out: Vec<f32>,
@@ -105,10 +105,13 @@ impl ErrorLedger {
                     NOT_ARRIVED => age.map(|age| age + 1),
                     arrived => Some(arrived.into()),
                 };
-                if let Some(expectation) = &mut self.expectation
-                    && used[sender] != NOT_ARRIVED
-                {
-                    expectation.arrived(&self.layout, row, sender, used[sender].into());
+                if let Some(expectation) = &mut self.expectation {
+                    let arrived = Some(used[sender]).filter(|age| *age != NOT_ARRIVED);
+                    let own = sender == row / tick.worlds;
+                    expectation.state.hear(row, sender, if own { Some(0) } else { arrived });
+                    if let Some(age) = arrived {
+                        expectation.arrived(&self.layout, row, sender, age.into());
+                    }
                 }
             }
             if plays(row % tick.worlds) {

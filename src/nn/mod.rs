@@ -36,7 +36,7 @@ pub use network::{Layer, Network, TensorSpec};
 pub(crate) use networks::NAMED_OTHERWISE;
 pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, critic};
 pub use policy::Policy;
-pub use predictor::Predictor;
+pub use predictor::{Predictor, PredictorState};
 pub(crate) use weights::Line;
 pub use weights::{Aligned, Tensor};
 

@@ -80,12 +80,20 @@ pub struct PredictorSpec {
     pub skip: bool,
 }
 
-/// A part of what a predictor sees.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// A part of what a predictor sees. They stand in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Input {
     /// The agent's estimate of the joint observation.
     Estimate,
+    /// Of each agent, whether something it observed arrived in the step: 1 or 0. Of itself an agent always hears.
+    Delivered,
+    /// Of each agent, how many steps ago it observed what arrived last, in units of 25; before anything arrived, how many
+    /// steps there have been.
+    Age,
+    /// Of each predicted dim, the estimate less what the predictor expected it to be: zero where nothing arrived, and in the
+    /// first step.
+    Innovation,
     /// What the agent itself does in the step, and which agent it is: a one-hot over all actions of all agents, since
     /// agents share predictors.
     OwnAction,
@@ -253,10 +261,22 @@ impl PredictorSpec {
         self.inputs.contains(&Input::OwnAction)
     }
 
+    /// Whether it sees more than estimates and actions.
+    pub fn has_senses(&self) -> bool {
+        self.inputs.iter().any(|input| ![Input::Estimate, Input::OwnAction].contains(input))
+    }
+
     /// Its network, from the joint estimate, and what the agent does if it sees that, to mean and raw log-std of every
     /// predicted dim: `fc1 -> lstm -> out`, and a skip if it has one.
     pub fn network(&self, dims: &Dims) -> Network {
-        let (hidden, inputs, outputs) = (self.hidden, dims.joint, 2 * dims.predicted);
+        let (hidden, outputs) = (self.hidden, 2 * dims.predicted);
+        let inputs = self.inputs.iter().map(|input| match input {
+            Input::Estimate => dims.joint,
+            Input::Delivered | Input::Age => dims.n_agents,
+            Input::Innovation => dims.predicted,
+            Input::OwnAction => 0,
+        });
+        let inputs: usize = inputs.sum();
         let ones = if self.sees_own_action() { dims.n_agents * dims.n_actions } else { 0 };
         let first = Layer::relu("fc1", inputs + ones, hidden);
         let mut layers = vec![first, Layer::Lstm(hidden), Layer::linear("out", hidden, outputs)];
@@ -268,8 +288,10 @@ impl PredictorSpec {
 /// Says what is wrong with what a predictor sees.
 fn check_inputs(inputs: &[Input]) -> Result<(), String> {
     match inputs {
-        [Input::Estimate] | [Input::Estimate, Input::OwnAction] => Ok(()),
-        _ => Err("sees `estimate` first, and may see `own-action` behind it, each once".to_string()),
+        [Input::Estimate, ..] if inputs.is_sorted_by(|before, after| before < after) => Ok(()),
+        _ => Err("sees `estimate` first, and may see `delivered`, `age`, `innovation` and `own-action` behind it, in \
+                  this order, each once"
+            .to_string()),
     }
 }
 

@@ -312,6 +312,7 @@ impl Policy {
         let predictor = |spec: &PredictorSpec| Predictor {
             spec: spec.clone(),
             network: inference(spec.network(dims), None),
+            dims: dims.clone(),
         };
         let actors = (0..dims.n_agents).map(actor).collect();
         let predictors = networks.predictors.iter().map(predictor).collect();

@@ -20,6 +20,9 @@ pub struct Batch {
     pub joint: Vec<f32>,
     /// What each actor saw in their place, with imputed parts, `[T + 1, E, agents, joint]`; empty if everything was delivered.
     pub estimates: Vec<f32>,
+    /// How old what arrived at each agent was, by sender, `[T + 1, E, agents, agents]`, 255 for nothing; empty if nobody
+    /// asks.
+    pub ages: Vec<u8>,
     /// What the agents did, `[T, E, agents]`.
     pub actions: Vec<u8>,
     /// The team's reward, `[T, E]`.
@@ -43,6 +46,9 @@ pub struct Trajectories<'a> {
     /// What the agents made of them, `[observations or more, rows, agents, joint]`; empty where predictors are to see the
     /// truth.
     pub estimates: &'a [f32],
+    /// How old what arrived at each agent was, `[observations or more, rows, agents, agents]`; empty where nobody sees that,
+    /// or everything arrived.
+    pub ages: &'a [u8],
     /// What the agents did at each of them, `[observations or more, rows, agents]`; empty where nobody sees that.
     pub actions: &'a [u8],
 }
@@ -68,13 +74,14 @@ impl Batch {
             lengths: self.ends.lengths(),
             joint: &self.joint,
             estimates: &[],
+            ages: &[],
             actions: &self.actions,
         }
     }
 
     /// The episodes as trajectories of which predictors see what the agents saw.
     pub fn trajectories_as_seen(&self) -> Trajectories<'_> {
-        Trajectories { estimates: &self.estimates, ..self.trajectories() }
+        Trajectories { estimates: &self.estimates, ages: &self.ages, ..self.trajectories() }
     }
 
     /// What means are over: steps played, episodes and agents.
@@ -122,6 +129,7 @@ impl Batch {
             observations: vec![0.0; (rows + episodes) * n_agents * spec.padded_obs_dim()],
             joint: vec![0.0; (rows + episodes) * spec.joint_dim()],
             estimates: vec![0.0; seen * n_agents * spec.joint_dim()],
+            ages: Vec::new(),
             actions: vec![0; rows * n_agents],
             rewards: vec![0.0; rows],
             ends: Ends::truncated(episodes, steps),

@@ -380,7 +380,7 @@ mod tests {
             (&[("clip", "wide")], "--set: `clip`: invalid type"),
             (
                 &[("predictor_inputs", "estimate,weather")],
-                "--set: `predictor_inputs`: unknown variant `weather`, expected `estimate` or `own-action`",
+                "--set: `predictor_inputs`: unknown variant `weather`, expected one of `estimate`, `delivered`, `age`, `innovation`, `own-action`",
             ),
             (&[("predictor_inputs", "own-action")], "\"value-aware\" sees `estimate` first"),
             (&[("epochs", "0")], "`epochs` is 0"),

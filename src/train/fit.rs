@@ -6,9 +6,10 @@ use super::checkpoint::available_actions;
 use super::divergence::Divergence;
 use super::predictor::LearningPredictor;
 use super::settings::{Backend, Loss, Objective, PredictorSettings};
-use super::{Batch, Parameters, PredictorLosses, Rollout};
+use super::{Batch, PredictorLosses, Rollout};
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::Result;
+use crate::bus::NOT_ARRIVED;
 use crate::environment::{About, Task, Value};
 use crate::failed;
 use crate::link::{Links, Uniform};
@@ -129,9 +130,14 @@ impl Fit {
         if settings.loss == Loss::Kl {
             predictor.divergence = Some(Divergence::new(policy, &available_actions(task.spec())));
         }
+        let mut batch = Batch::zeros(task.spec(), settings.episodes, settings.feed == Feed::ClosedLoop);
+        if spec.has_senses() && settings.feed == Feed::ClosedLoop {
+            let agents = task.spec().n_agents();
+            batch.ages = vec![NOT_ARRIVED; (batch.steps + 1) * batch.episodes * agents * agents];
+        }
         Ok(Fit {
             rollout: rollout(task, settings, 0),
-            batch: Batch::zeros(task.spec(), settings.episodes, settings.feed == Feed::ClosedLoop),
+            batch,
             settings: settings.clone(),
             task: task.clone(),
             policy: policy.clone(),
@@ -162,7 +168,7 @@ impl Fit {
     /// # Errors
     /// `Usage` if there cannot be such a predictor.
     pub fn policy(&self) -> Result<Policy> {
-        self.policy.with_predictor(&self.spec, &values(&self.predictor.parameters))
+        self.policy.with_predictor(&self.spec, &self.predictor.parameters.all_values())
     }
 
     /// Plays an episode in each world, with agents of its [policy](Self::policy), and takes a step. `None` if the
@@ -203,11 +209,6 @@ pub(super) fn rollout(task: &Task, settings: &FitSettings, played: u64) -> Rollo
         Feed::ClosedLoop => Links::from(Uniform),
     };
     Rollout::new(task.environment(settings.episodes), links, settings.seed, played)
-}
-
-/// The values of all tensors, one after the other.
-fn values(parameters: &Parameters) -> Vec<f32> {
-    parameters.tensors().flat_map(|(_, values)| values).copied().collect()
 }
 
 /// What each predicted dim counts for to each agent, `[agents, predicted]`.

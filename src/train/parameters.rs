@@ -57,6 +57,11 @@ impl Parameters {
         weights.map(|spec| 2.0 * spec.n_values() as f64).sum()
     }
 
+    /// All weights, one tensor after the other.
+    pub(super) fn all_values(&self) -> Vec<f32> {
+        self.tensors().flat_map(|(_, values)| values).copied().collect()
+    }
+
     /// What outlives an update: the weights and Adam's moments.
     pub(super) fn state_mut(&mut self) -> [&mut Flat; 3] {
         [&mut self.values, &mut self.mean, &mut self.square]

@@ -9,7 +9,8 @@ use super::memory::{Buffer, Flat};
 use super::network::Passes;
 use super::parameters::{Parameters, clip_scale};
 use super::settings::{Backend, Loss, Objective, PredictorSettings, Settings};
-use crate::nn::{Dims, PredictorSpec};
+use crate::bus::NOT_ARRIVED;
+use crate::nn::{Dims, Predictor, PredictorSpec, Scratch};
 
 /// A predictor in training.
 #[derive(Clone, Debug)]
@@ -22,6 +23,8 @@ pub struct LearningPredictor {
     passes: Passes,
     /// What it sees, `[steps, rows, views, width]`.
     x: Buffer,
+    /// The same predictor as agents run it, if it sees what follows from step to step.
+    runs: Option<Predictor>,
     /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
     weights: Buffer,
     /// What each predicted dim counts for beside that where agents see different things, `[agents, predicted]`; empty if
@@ -61,6 +64,7 @@ impl LearningPredictor {
         let network = spec.network(dims);
         let parameters = Parameters::untrained(&network, seed);
         LearningPredictor {
+            runs: spec.has_senses().then(|| Predictor::new(spec, dims, &parameters.all_values())),
             carried: settings.carry_gradients.then(|| Flat::zeros(&parameters.specs)),
             passes: Passes::new(backend, &network),
             parameters,
@@ -79,6 +83,51 @@ impl LearningPredictor {
     /// How many rows a trajectory is to it: one for each agent where they see different things.
     pub(super) fn views(&self) -> usize {
         if self.spec.sees_own_action() { self.dims.n_agents } else { 1 }
+    }
+
+    /// Writes down what it sees by running it, step by step and with gradients left aside.
+    fn see_by_running(&mut self, steps: usize, views: usize, trajectories: &Trajectories) {
+        let Trajectories { rows, joint, estimates, ages, actions, .. } = *trajectories;
+        let Dims { joint: length, predicted, n_agents, .. } = self.dims;
+        let predictor = self.runs.as_mut().expect("it runs where it has senses");
+        predictor.renew(&self.parameters.all_values());
+        let width = self.parameters.specs[0].shape[0];
+        let (mut state, mut scratch) = (predictor.state(rows * views), Scratch::default());
+        let (mut seen, mut acts) = (vec![0.0; rows * views * length], vec![0; rows * views]);
+        let mut out = vec![0.0; rows * views * 2 * predicted];
+        let x = self.x.resize(steps * rows * views * width);
+        x.fill(0.0);
+        for (step, x) in x.chunks_exact_mut(rows * views * width).enumerate() {
+            for view in 0..rows * views {
+                let (at, agent) = (step * rows + view / views, view % views);
+                let from = match estimates {
+                    [] => &joint[at * length..],
+                    estimates => &estimates[(at * n_agents + agent) * length..],
+                };
+                seen[view * length..][..length].copy_from_slice(&from[..length]);
+                for sender in 0..n_agents {
+                    let age = ages.get((at * n_agents + agent) * n_agents + sender).copied().unwrap_or(0);
+                    let arrived = Some(age).filter(|age| *age != NOT_ARRIVED);
+                    state.hear(view, sender, if sender == agent { Some(0) } else { arrived });
+                }
+                if self.spec.sees_own_action() {
+                    acts[view] = self.dims.act(agent, actions[at * n_agents + agent].into());
+                }
+            }
+            predictor.step(rows * views, &seen, &acts, &mut state, &mut scratch, &mut out);
+            let inputs = state.seen().len() / (rows * views);
+            for (view, (x, seen)) in
+                x.chunks_exact_mut(width).zip(state.seen().chunks_exact(inputs)).enumerate()
+            {
+                if trajectories.has_transition(step * rows + view / views) {
+                    let (values, acts_seen) = x.split_at_mut(inputs);
+                    values.copy_from_slice(seen);
+                    if let Some(one) = acts_seen.get_mut(acts[view]) {
+                        *one = 1.0;
+                    }
+                }
+            }
+        }
     }
 
     /// One step on trajectories whose every step counts alike. `None` if there was nothing to learn from.
@@ -225,6 +274,9 @@ impl LearningPredictor {
     /// Writes down what it sees: the joint observation, or the agents' estimates of it, and what the row's agent does
     /// there if that is part of it. Where there is no transition to learn from it sees zeros.
     fn see(&mut self, steps: usize, views: usize, trajectories: &Trajectories) {
+        if self.runs.is_some() {
+            return self.see_by_running(steps, views, trajectories);
+        }
         let Trajectories { rows, joint, estimates, actions, .. } = *trajectories;
         let Dims { joint: length, n_agents, .. } = self.dims;
         let width = self.parameters.specs[0].shape[0];

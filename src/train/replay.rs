@@ -105,6 +105,7 @@ impl Replay {
             lengths,
             joint,
             estimates: &[],
+            ages: &[],
             actions,
         });
         trajectories.collect()

@@ -136,6 +136,11 @@ impl Collector<'_> {
                 let from = (agent * worlds + world) * joint;
                 estimate.copy_from_slice(&decisions.estimates[from..from + joint]);
             }
+            if !self.batch.ages.is_empty() {
+                let ages = self.batch.ages[row * agents * agents..].chunks_exact_mut(agents).take(agents);
+                let used = (0..agents).map(|agent| decisions.used(&stage.tick(), agent, world));
+                ages.zip(used).for_each(|(ages, used)| ages.copy_from_slice(used));
+            }
         }
     }
 

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::past::Past;
 use super::{Carried, Imputer, Setup, Step};
 use crate::agent::Inbox;
-use crate::nn::{NetworkState, Predictor, Scratch};
+use crate::nn::{Predictor, PredictorState, Scratch};
 
 /// Carries the estimate on with the predictor's mean delta added.
 #[derive(Debug)]
@@ -14,12 +14,13 @@ pub(super) struct Prediction {
     predictor: Predictor,
     /// Where its weights are in those of the policy.
     weights: Range<usize>,
+    agent: usize,
     /// The number of the agent's first action among those of the team.
     first_act: usize,
-    state: NetworkState,
+    state: PredictorState,
     /// The state before the last step, kept if the own action is part of what the predictor sees: somebody may have
     /// been wrong about it.
-    before: NetworkState,
+    before: PredictorState,
     /// The number of what the agent does in each world.
     acts: Vec<usize>,
     past: Past,
@@ -37,6 +38,7 @@ impl Prediction {
             state: predictor.state(setup.worlds),
             before: predictor.state(setup.worlds),
             weights: setup.policy.predictor_range(name)?,
+            agent: setup.agent,
             first_act: setup.policy.dims().act(setup.agent, 0),
             acts: Vec::with_capacity(setup.worlds),
             past: Past::new(carried.layout(), setup.worlds, setup.longest_delay),
@@ -57,6 +59,10 @@ impl Imputer for Prediction {
 
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         self.carried.fuse(world, own, inbox, estimate);
+        for sender in 0..self.carried.layout().agents {
+            let age = inbox.from(sender).map(|received| received.age);
+            self.state.hear(world, sender, if sender == self.agent { Some(0) } else { age });
+        }
         for (sender, age) in self.carried.late(inbox) {
             let part = &mut estimate[self.carried.layout().part(sender)];
             self.past.correct(world, sender, age, self.carried.of(world, sender), part);

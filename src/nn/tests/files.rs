@@ -224,7 +224,7 @@ fn inputs_that_there_are_not_are_refused_by_name() {
     };
     failed(
         &with(r#"["estimate","weather"]"#),
-        "unknown variant `weather`, expected `estimate` or `own-action`",
+        "unknown variant `weather`, expected one of `estimate`, `delivered`, `age`, `innovation`, `own-action`",
     );
     failed(&with(r#""weather""#), "unknown variant `weather`");
     failed(&with("7"), "expected `estimate` or a list of inputs");

@@ -159,3 +159,37 @@ fn a_soft_bounded_sigma_stays_within_bounds_and_has_the_slope_that_it_says() {
     assert_eq!(Sigma::SoftBounded.log_std(-3.0), -3.0);
     assert_eq!([-1e3, 1e3].map(|raw| Sigma::SoftBounded.log_std(raw)), [-7.0, 1.0]);
 }
+
+#[test]
+fn senses_say_what_arrived_how_old_it_is_and_what_was_not_expected() {
+    use Input::{Age, Delivered, Estimate, Innovation};
+    let dims = Dims { task: "toy".to_string(), n_agents: 2, joint: 5, predicted: 4, n_actions: 5 };
+    let inputs = vec![Estimate, Delivered, Age, Innovation];
+    let predictors = vec![PredictorSpec { hidden: 3, inputs, ..PredictorSpec::paper("one") }];
+    let policy =
+        Policy::untrained(&dims, 3, Networks { predictors, ..Networks::paper(ActorKind::Mlp) }).unwrap();
+    let predictor = policy.predictor("one").unwrap();
+    let (mut state, mut scratch, mut out) = (predictor.state(1), Scratch::default(), vec![0.0; 8]);
+    let mut step = |estimate: &[f32; 5], age: Option<u8>| {
+        state.hear(0, 0, Some(0));
+        state.hear(0, 1, age);
+        predictor.step(1, estimate, &[], &mut state, &mut scratch, &mut out);
+        let expected: Vec<f32> = estimate.iter().zip(&out[..4]).map(|(value, delta)| value + delta).collect();
+        (state.seen().to_vec(), expected)
+    };
+    // Nothing is expected of the first step, and nothing has arrived before it.
+    let (seen, expected) = step(&[0.1, 0.2, 0.3, 0.4, 0.5], None);
+    assert_eq!(seen, [0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.0]);
+    // What does not arrive is what was expected.
+    let estimate = [0.3, 0.1, expected[2], expected[3], 0.5];
+    let (seen, expected_next) = step(&estimate, None);
+    assert_eq!(seen[5..9], [1.0, 0.0, 0.0, 0.08]);
+    assert_eq!(seen[9..], [0.3 - expected[0], 0.1 - expected[1], 0.0, 0.0]);
+    let (seen, _) = step(&[0.0; 5], Some(3));
+    assert_eq!(seen[5..9], [1.0, 1.0, 0.0, 0.12]);
+    assert_eq!(seen[9..], [0, 1, 2, 3].map(|dim: usize| 0.0 - expected_next[dim]));
+    let mut fresh = predictor.state(1);
+    fresh.copy_from(&state);
+    fresh.start(1);
+    assert_eq!(fresh, predictor.state(1));
+}

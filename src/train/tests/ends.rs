@@ -50,6 +50,7 @@ fn cut(batch: &Batch, episodes: &[usize], steps: usize) -> Batch {
         observations: values(&batch.observations, 1),
         joint: values(&batch.joint, 1),
         estimates: values(&batch.estimates, 1),
+        ages: Vec::new(),
         actions: values(&actions, 0).iter().map(|&action| action as u8).collect(),
         rewards: values(&batch.rewards, 0),
         ends,

@@ -71,6 +71,31 @@ fn what_a_fit_comes_to_follows_from_its_seed_and_feed() {
 }
 
 #[test]
+fn a_fit_hears_what_its_agents_hear() {
+    use Input::{Age, Delivered, Estimate, Innovation, OwnAction};
+    let settings = FitSettings { updates: 40, ..settings(Feed::ClosedLoop, Loss::Mse) };
+    let inputs = vec![Estimate, Delivered, Age, Innovation, OwnAction];
+    let spec = PredictorSpec { inputs, ..spec() };
+    let mut losses = Vec::new();
+    let note = |_, found: &PredictorLosses| {
+        losses.push(found.loss);
+        Ok(())
+    };
+    fit_predictor(&policy(), &task(), &spec, &settings, note).unwrap();
+    assert!(losses[39] < 0.5 * losses[0], "{losses:?}");
+
+    let mut fit = Fit::new(&policy(), &task(), &spec, &settings).unwrap();
+    let mut agents = InProcess::new(&fit.agents(), &fit.policy().unwrap()).unwrap();
+    fit.update(&mut agents).unwrap();
+    let (episodes, ages) = (settings.episodes, &fit.batch.ages);
+    let (first, later) = ages.split_at(episodes * 4);
+    assert!(first.iter().all(|&age| age == 0), "everything is shared at the start");
+    let rows = later[..24 * episodes * 4].chunks_exact(4);
+    assert!(rows.clone().all(|ages| ages[0] == 0 && ages[3] == 0), "an agent hears itself");
+    assert!(rows.clone().any(|ages| ages[1] == NOT_ARRIVED) && rows.clone().any(|ages| ages[1] == 0));
+}
+
+#[test]
 fn constants_are_found_and_held() {
     // A landmark stays where it is, and what hears of it sees it at a place that moves.
     let task = Task::parse("speaker-listener").unwrap();
@@ -153,7 +178,7 @@ fn a_predictor_takes_the_place_of_the_one_of_its_name() {
     let n: usize = spec.network(policy().dims()).tensors().iter().map(TensorSpec::n_values).sum();
     let values = numbers(1, n);
     let policy = policy().with_predictor(&spec, &values).unwrap();
-    assert_eq!(policy.networks().predictors, [spec.clone()]);
+    assert_eq!(policy.networks().predictors, std::slice::from_ref(&spec));
     let found = &bits(&policy)[policy.predictor_range("old").unwrap()];
     assert!(found.iter().zip(&values).all(|(found, value)| *found == value.to_bits()));
     assert!(policy.with_predictor(&spec, &values[1..]).is_err());

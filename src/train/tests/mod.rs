@@ -15,6 +15,7 @@ use super::memory::{Buffer, Flat};
 use super::network::Passes;
 use super::*;
 use crate::base::rng::{Draws, Purpose};
+use crate::bus::NOT_ARRIVED;
 use crate::nn::{ActorKind, Dims, Input, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing, Sigma};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -42,6 +43,7 @@ fn batch(seed: u64) -> Batch {
         observations: numbers(seed, (rows + episodes) * N * OBSERVATION),
         joint: numbers(seed + 1, (rows + episodes) * dims().joint),
         estimates: Vec::new(),
+        ages: Vec::new(),
         actions: (0..rows * N).map(|at| (at * 7 % AVAILABLE[at % N]) as u8).collect(),
         rewards: numbers(seed + 2, rows),
         ends: Ends::truncated(episodes, steps),

@@ -145,3 +145,54 @@ fn the_loss_is_over_what_every_agent_predicts_on_what_it_did() {
     }
     assert!((found.loss - sum / count as f64).abs() < 1e-5, "{found:?}, {}", sum / count as f64);
 }
+
+#[test]
+fn a_predictor_with_senses_learns_from_what_agents_would_have_heard() {
+    use Input::{Age, Delivered, Estimate, Innovation, OwnAction};
+    let mut batch = ended(6);
+    let rows = (batch.steps + 1) * batch.episodes * N;
+    batch.estimates = numbers(12, rows * dims().joint);
+    batch.ages = (0..rows * N).map(|at| if at % 3 == 0 { NOT_ARRIVED } else { (at % 3) as u8 - 1 }).collect();
+    for inputs in [
+        vec![Estimate, Delivered],
+        vec![Estimate, Age],
+        vec![Estimate, Innovation],
+        vec![Estimate, Delivered, Age, Innovation, OwnAction],
+    ] {
+        let spec = PredictorSpec { hidden: 5, inputs: inputs.clone(), ..PredictorSpec::paper("p") };
+        let mut learning = still(spec.clone(), Objective::Maro, false);
+        let found = learning.learn_alike(batch.trajectories_as_seen()).unwrap().loss;
+
+        // The same by the predictor that agents run, row by row.
+        let networks = Networks { hidden: 1, predictors: vec![spec], ..Networks::paper(ActorKind::Mlp) };
+        let untrained = Policy::untrained(&dims(), 2, networks).unwrap();
+        let predictor = untrained.predictor("p").unwrap();
+        let (mut sum, mut count, mut out) = (0.0, 0, vec![0.0; 2 * dims().predicted]);
+        for (episode, agent) in
+            (0..batch.episodes).flat_map(|episode| (0..N).map(move |agent| (episode, agent)))
+        {
+            let (mut state, mut scratch) = (predictor.state(1), Scratch::default());
+            for step in 0..batch.ends.lengths()[episode] - 1 {
+                let at = step * batch.episodes + episode;
+                for sender in 0..N {
+                    let age = batch.ages[(at * N + agent) * N + sender];
+                    let age = Some(age).filter(|age| *age != NOT_ARRIVED);
+                    state.hear(0, sender, if sender == agent { Some(0) } else { age });
+                }
+                let seen = &batch.estimates[(at * N + agent) * 8..][..8];
+                let act = dims().act(agent, batch.actions[at * N + agent].into());
+                predictor.step(1, seen, &[act], &mut state, &mut scratch, &mut out);
+                let truth = &batch.joint[(at + batch.episodes) * 8..][..8];
+                for dim in 0..dims().predicted {
+                    let (mean, raw) = (f64::from(out[dim]), f64::from(out[dims().predicted + dim]));
+                    let z = (f64::from(truth[dim] - seen[dim]) - mean) / raw.exp();
+                    sum += z * z / 2.0 + raw + (2.0 * std::f64::consts::PI).sqrt().ln();
+                }
+                count += N;
+            }
+        }
+        assert!((found - sum / count as f64).abs() < 1e-5, "{inputs:?}: {found}, {}", sum / count as f64);
+        let everything = learning.learn_alike(batch.trajectories()).unwrap().loss;
+        assert_ne!(found, everything, "{inputs:?}: what was heard counts");
+    }
+}

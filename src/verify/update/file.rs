@@ -174,6 +174,7 @@ impl UpdateFile {
                 .copied()
                 .collect(),
             estimates: Vec::new(),
+            ages: Vec::new(),
             actions: by_time(&actions, episodes, last, n).iter().map(|&action| action as u8).collect(),
             rewards: by_time(&rewards, episodes, last, 1),
             ends: Ends::truncated(episodes, last),
