@@ -21,7 +21,8 @@ pub(super) struct Arrivals {
     /// How old the newest that a receiver has seen of each sender is, `[receiver, sender]`.
     seen: Vec<u8>,
     step: usize,
-    /// Observations that arrived at this step and are not shown, because newer ones have been seen.
+    /// Observations that arrived at this step and are not shown, because newer ones have been seen. What was sent at
+    /// t = 0 is in no statistics.
     outdated: u64,
 }
 
@@ -67,7 +68,8 @@ impl Arrivals {
             let then = (self.step + ticks) % steps;
             // What is sent later is younger on arrival.
             let before = std::mem::replace(&mut self.arriving[then * links + link], *fate);
-            self.overtaken[then] += u64::from(before != NOT_ARRIVED);
+            let counts = before != NOT_ARRIVED && self.step + ticks > usize::from(before);
+            self.overtaken[then] += u64::from(counts);
         }
         let now = self.step % steps;
         self.outdated = std::mem::take(&mut self.overtaken[now]);
@@ -79,8 +81,8 @@ impl Arrivals {
             if *age < *seen {
                 *seen = *age;
             } else if *age != NOT_ARRIVED {
+                self.outdated += u64::from(self.step > usize::from(*age));
                 *age = NOT_ARRIVED;
-                self.outdated += 1;
             }
         }
         now.chunks_exact(self.agents).enumerate().for_each(|(receiver, ages)| arrived(receiver, ages));
@@ -136,16 +138,23 @@ mod tests {
 
     #[test]
     fn what_is_overtaken_is_counted_and_not_shown() {
-        // Sent at 0 for 3, at 1 for 1: the second arrives at 2, the first at 3.
-        let (seen, outdated) = ages(3, &[Some(3), Some(1), None, None, None]);
-        assert_eq!((&seen[..], &outdated[..]), (&[NO, NO, 1, NO, NO][..], &[0, 0, 0, 1, 0][..]));
+        // Sent at 1 for 3, at 2 for 1: the second arrives at 3, the first at 4.
+        let (seen, outdated) = ages(3, &[None, Some(3), Some(1), None, None, None]);
+        assert_eq!((&seen[..], &outdated[..]), (&[NO, NO, NO, 1, NO, NO][..], &[0, 0, 0, 0, 1, 0][..]));
+    }
+
+    #[test]
+    fn what_is_sent_at_the_start_is_not_counted() {
+        let (seen, outdated) = ages(3, &[Some(3), Some(1), None, None]);
+        assert_eq!((&seen[..], &outdated[..]), (&[NO, NO, 1, NO][..], &[0; 4][..]));
+        assert_eq!(ages(2, &[Some(2), None, Some(0)]).1, [0; 3]);
     }
 
     #[test]
     fn of_several_at_once_the_newest_is_shown() {
-        let (seen, outdated) = ages(2, &[Some(2), Some(1), Some(0), Some(1), Some(0)]);
-        // Three arrive at step 2, two at step 4.
-        assert_eq!((&seen[..], &outdated[..]), (&[NO, NO, 0, NO, 0][..], &[0, 0, 2, 0, 1][..]));
+        let (seen, outdated) = ages(2, &[None, Some(2), Some(1), Some(0), Some(1), Some(0)]);
+        // Three arrive at step 3, two at step 5.
+        assert_eq!((&seen[..], &outdated[..]), (&[NO, NO, NO, 0, NO, 0][..], &[0, 0, 0, 2, 0, 1][..]));
     }
 
     #[test]
