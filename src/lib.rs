@@ -57,6 +57,7 @@
 //! |---|---|
 //! | [`base`] | errors, files that appear whole, addressed draws, statistics, tables, threads, real-time hygiene |
 //! | [`environment`] | physics and tasks |
+//! | [`dynamics`] | laws of motion that are fitted to play |
 //! | [`link`] | which observations reach whom, and when: a trait, a file per model, a registry |
 //! | [`nn`] | actor, predictor, kernels, policy file |
 //! | [`bus`] | messages in shared memory, and their in-process twin |
@@ -80,6 +81,7 @@ pub mod agent;
 pub mod base;
 pub mod bus;
 pub mod cli;
+pub mod dynamics;
 pub mod environment;
 pub(crate) mod evaluate;
 pub(crate) mod latency;

@@ -54,7 +54,7 @@ fn inspect_policy(path: &Path) -> Result<()> {
     let predictors: Vec<String> = predictors.map(predictor_words).collect();
     print(&format!(
         "policy for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {}, \
-         {}, hidden {}\npredictors  {}\nparameters  {}\n\n{rows}",
+         {}, hidden {}\npredictors  {}\ndynamics    {}\nparameters  {}\n\n{rows}",
         meta.task,
         meta.algorithm,
         meta.steps,
@@ -65,6 +65,7 @@ fn inspect_policy(path: &Path) -> Result<()> {
         networks.sharing,
         networks.hidden,
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
+        if file.dynamics.is_some() { "fitted" } else { "none" },
         file.n_parameters()
     ))
 }

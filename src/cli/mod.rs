@@ -5,6 +5,7 @@ mod campaign;
 mod doctor;
 mod evaluate;
 mod export;
+mod fit;
 mod import;
 mod inspect;
 mod machine;
@@ -64,6 +65,8 @@ enum Command {
     Import(import::Import),
     /// Write a policy in half precision, for keeping
     Export(export::Export),
+    /// Fit the dynamics of a policy's environment, for the imputer `dynamics`
+    Fit(fit::Fit),
     /// Say what a policy, checkpoint, trace or recording holds
     Inspect(inspect::Inspect),
     /// Recompute recordings, traces and updates and compare
@@ -103,6 +106,7 @@ impl Cli {
             Command::Tasks(command) => command.run(),
             Command::Import(command) => command.run(),
             Command::Export(command) => command.run(),
+            Command::Fit(command) => command.run(),
             Command::Inspect(command) => command.run(),
             Command::Verify(command) => command.run(),
             Command::Plot(command) => command.run(),

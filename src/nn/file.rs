@@ -5,6 +5,7 @@ use super::networks::{Networks, PredictorSpec};
 use super::weights::Line;
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
+use crate::dynamics::Dynamics;
 use crate::{failed, usage};
 use half::f16;
 use memmap2::Mmap;
@@ -26,6 +27,8 @@ pub struct PolicyFile {
     pub meta: Meta,
     /// What networks it holds.
     pub networks: Networks,
+    /// The dynamics of the environment, if they have been fitted.
+    pub dynamics: Option<Dynamics>,
     /// Names, shapes and places of its tensors, by name.
     pub tensors: Vec<FileTensor>,
     /// Where the values start, in bytes from the start of the file.
@@ -75,6 +78,7 @@ impl PolicyFile {
         let none = HashMap::new();
         let words = Words { words: content.metadata().as_ref().unwrap_or(&none), source };
         let (meta, networks) = words.read()?;
+        let dynamics = words.dynamics()?;
 
         let mut tensors = Vec::new();
         for (name, info) in content.tensors() {
@@ -91,7 +95,7 @@ impl PolicyFile {
             });
         }
         tensors.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(PolicyFile { meta, networks, tensors, data: size_of::<u64>() + header })
+        Ok(PolicyFile { meta, networks, dynamics, tensors, data: size_of::<u64>() + header })
     }
 }
 
@@ -136,15 +140,14 @@ pub(crate) fn map(path: &Path) -> Result<Mmap> {
 /// file is mapped.
 pub(super) fn write<'a>(
     path: &Path,
-    meta: &Meta,
-    networks: &Networks,
+    description: (&Meta, &Networks, Option<&Dynamics>),
     precision: Precision,
     tensors: impl Iterator<Item = (&'a str, &'a [usize], &'a [f32])>,
 ) -> Result<()> {
     let (mut tensors, others): (Vec<_>, Vec<_>) =
         tensors.partition(|(_, _, values)| values.len() % Line::VALUES == 0);
     tensors.extend(others);
-    write_tensors(path, &words(meta, networks), precision, &tensors)
+    write_tensors(path, &words(description), precision, &tensors)
 }
 
 /// Writes a safetensors file of tensors (name, shape, values) in this order: beside `path` first, and then
@@ -189,8 +192,10 @@ pub(crate) fn write_tensors(
 }
 
 /// The metadata of a policy file.
-fn words(meta: &Meta, networks: &Networks) -> BTreeMap<&'static str, String> {
-    BTreeMap::from([
+fn words(
+    (meta, networks, dynamics): (&Meta, &Networks, Option<&Dynamics>),
+) -> BTreeMap<&'static str, String> {
+    let mut words = BTreeMap::from([
         ("format", FORMAT.to_string()),
         ("version", VERSION.to_string()),
         ("task", meta.task.clone()),
@@ -203,7 +208,9 @@ fn words(meta: &Meta, networks: &Networks) -> BTreeMap<&'static str, String> {
         ("sharing", networks.sharing.to_string()),
         ("hidden", networks.hidden.to_string()),
         ("predictors", json!(networks.predictors).to_string()),
-    ])
+    ]);
+    words.extend(dynamics.map(|dynamics| ("dynamics", json!(dynamics).to_string())));
+    words
 }
 
 /// The metadata of a file that errors call `source`.
@@ -244,6 +251,12 @@ impl Words<'_> {
         };
         networks.check().map_err(|error| failed!("{source}: {error}"))?;
         Ok((meta, networks))
+    }
+
+    fn dynamics(&self) -> Result<Option<Dynamics>> {
+        let read = |text: &String| serde_json::from_str(text);
+        let dynamics = self.words.get("dynamics").map(read).transpose();
+        dynamics.map_err(|error| failed!("{}: cannot read `dynamics` in its metadata: {error}", self.source))
     }
 
     fn text(&self, key: &str) -> Result<&str> {

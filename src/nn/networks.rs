@@ -6,8 +6,8 @@ use crate::base::rng::MAX_AGENTS;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// The imputers of this library that need no network: no predictor can be called like one.
-pub(crate) const NAMED_OTHERWISE: [&str; 3] = ["hold", "velocity", "zero"];
+/// The imputers of this library that are no predictors: none can be called like one.
+pub(crate) const NAMED_OTHERWISE: [&str; 5] = ["dynamics", "hold", "teammates", "velocity", "zero"];
 
 /// The networks of a policy: the actors of all agents and any number of predictors.
 #[derive(Clone, Debug, PartialEq)]
@@ -215,9 +215,7 @@ impl Networks {
                 ));
             }
             if NAMED_OTHERWISE.contains(&&name[..]) {
-                return Err(format!(
-                    "a predictor is called {name:?}, which names an imputer without a network"
-                ));
+                return Err(format!("a predictor is called {name:?}, which names another imputer"));
             }
             if self.predictors[..at].iter().any(|other| other.name == *name) {
                 return Err(format!("two predictors are called {name:?}"));

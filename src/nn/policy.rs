@@ -9,6 +9,7 @@ use super::predictor::Predictor;
 use super::weights::{Storage, Tensor};
 use super::{Dims, PredictorSpec};
 use crate::base::error::Result;
+use crate::dynamics::Dynamics;
 use crate::{failed, usage};
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
@@ -20,6 +21,7 @@ use std::sync::Arc;
 pub struct Policy {
     meta: Meta,
     networks: Networks,
+    dynamics: Option<Dynamics>,
     dims: Dims,
     tensors: Vec<(TensorSpec, Tensor)>,
     actors: Vec<Inference>,
@@ -116,7 +118,7 @@ impl Policy {
     /// # Errors
     /// `Failed` if there are too many values or too few, or one is not finite.
     pub fn with_values(&self, values: &[f32]) -> Result<Policy> {
-        Policy::new(&self.dims, self.meta.clone(), self.networks.clone(), values)
+        self.with(self.networks.clone(), values)
     }
 
     /// This policy with one more predictor, or another in place of the one of that name, with these values: those of its
@@ -140,7 +142,18 @@ impl Policy {
                 networks.predictors.push(spec.clone());
             }
         }
-        Policy::new(&self.dims, self.meta.clone(), networks, &all)
+        self.with(networks, &all)
+    }
+
+    /// This policy with other networks.
+    fn with(&self, networks: Networks, values: &[f32]) -> Result<Policy> {
+        let policy = Policy::new(&self.dims, self.meta.clone(), networks, values)?;
+        Ok(Policy { dynamics: self.dynamics.clone(), ..policy })
+    }
+
+    /// This policy with the dynamics of the environment that it is for.
+    pub fn with_dynamics(self, dynamics: Dynamics) -> Policy {
+        Policy { dynamics: Some(dynamics), ..self }
     }
 
     /// Writes the policy to `path`, where there is always the old file or the new one.
@@ -167,7 +180,7 @@ impl Policy {
 
     fn write(&self, path: &Path, precision: Precision) -> Result<()> {
         let tensors = self.tensors().map(|(spec, tensor)| (&spec.name[..], &spec.shape[..], tensor.values()));
-        file::write(path, &self.meta, &self.networks, precision, tensors)
+        file::write(path, (&self.meta, &self.networks, self.dynamics.as_ref()), precision, tensors)
     }
 
     /// Whether its weights are in memory once for all processes that open it: mapped, or part of the program.
@@ -193,6 +206,11 @@ impl Policy {
     /// Where this policy comes from.
     pub fn meta(&self) -> &Meta {
         &self.meta
+    }
+
+    /// The dynamics of its environment, if they have been fitted.
+    pub fn dynamics(&self) -> Option<&Dynamics> {
+        self.dynamics.as_ref()
     }
 
     /// What networks it is made of.
@@ -257,7 +275,7 @@ impl Policy {
 
     /// Checks what `file` promises against what `dims` needs and `storage` holds, but for the values themselves.
     fn from_file(file: PolicyFile, storage: Storage, dims: &Dims, source: &str) -> Result<Policy> {
-        let PolicyFile { meta, networks, tensors: found, .. } = file;
+        let PolicyFile { meta, networks, dynamics, tensors: found, .. } = file;
         if meta.task != dims.task {
             return Err(usage!("{source} is a policy for task {}, not for {}", meta.task, dims.task));
         }
@@ -282,7 +300,7 @@ impl Policy {
             let range = start..start + spec.n_values();
             tensors.push((spec, Tensor::new(storage.clone(), range)));
         }
-        Ok(Policy::assemble(dims, meta, networks, tensors))
+        Ok(Policy { dynamics, ..Policy::assemble(dims, meta, networks, tensors) })
     }
 
     /// This policy, unless one of its values is not finite.
@@ -316,6 +334,6 @@ impl Policy {
         };
         let actors = (0..dims.n_agents).map(actor).collect();
         let predictors = networks.predictors.iter().map(predictor).collect();
-        Policy { meta, networks, dims: dims.clone(), tensors, actors, predictors }
+        Policy { meta, networks, dynamics: None, dims: dims.clone(), tensors, actors, predictors }
     }
 }

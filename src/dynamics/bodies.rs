@@ -1,0 +1,96 @@
+//! Which dims of a joint observation tell where an agent is and how fast it moves.
+
+use glam::DVec2;
+
+use crate::base::error::Result;
+use crate::environment::{About, Axis, Spec, Unit};
+use crate::usage;
+
+/// The dims of a joint observation that tell of agents' motion, agent by agent. One agent may stand in several
+/// observations, also in those of others alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bodies(Vec<Body>);
+
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Body {
+    velocities: Vec<Velocity>,
+    places: Vec<Place>,
+    /// Dims that are its place along x and y.
+    spot: [Option<usize>; 2],
+}
+
+/// A dim that is a velocity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Velocity {
+    pub dim: usize,
+    pub axis: Axis,
+}
+
+/// A dim that is a place which changes at a rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Place {
+    pub dim: usize,
+    /// The dim of its rate of change, a velocity of the same agent.
+    pub rate: usize,
+    pub sign: f32,
+}
+
+impl Bodies {
+    /// What an environment says of itself.
+    ///
+    /// # Errors
+    /// `Usage` if no dim is the velocity of an agent along an axis.
+    pub fn of(spec: &Spec) -> Result<Bodies> {
+        let mut bodies = vec![Body::default(); spec.n_agents()];
+        for (observer, agent) in spec.agents.iter().enumerate() {
+            let first = observer * spec.unique_dim();
+            for (dim, value) in agent.observation.iter().enumerate() {
+                let (About::Agent(about), Some(axis)) = (value.about, value.axis) else { continue };
+                let Some(body) = bodies.get_mut(about) else { continue };
+                match (value.unit, value.rate) {
+                    (Unit::MetrePerSecond, _) => body.velocities.push(Velocity { dim: first + dim, axis }),
+                    (Unit::Metre, Some((rate, sign))) if agent.observation[rate].about == value.about => {
+                        body.places.push(Place { dim: first + dim, rate: first + rate, sign });
+                        if sign == 1.0 {
+                            body.spot[axis as usize].get_or_insert(first + dim);
+                        }
+                    }
+                    _ => {}
+                }
+            }
+        }
+        if bodies.iter().all(|body| body.velocities.is_empty()) {
+            return Err(usage!(
+                "{} says of no observed value that it is an agent's velocity along an axis, so no dynamics can be \
+                 fitted; label them in its `Spec` (`Value::velocity`, `Value::moving`)",
+                spec.id
+            ));
+        }
+        Ok(Bodies(bodies))
+    }
+
+    /// Size of the team.
+    pub fn n_agents(&self) -> usize {
+        self.0.len()
+    }
+
+    /// The dims that [`Dynamics::advance`](super::Dynamics::advance) moves for an agent.
+    pub fn dims(&self, agent: usize) -> impl Iterator<Item = usize> {
+        let places = self.places(agent).iter().map(|place| place.dim);
+        self.velocities(agent).iter().map(|velocity| velocity.dim).chain(places)
+    }
+
+    pub(super) fn velocities(&self, agent: usize) -> &[Velocity] {
+        &self.0[agent].velocities
+    }
+
+    pub(super) fn places(&self, agent: usize) -> &[Place] {
+        &self.0[agent].places
+    }
+
+    /// Where an agent is, m, if both coordinates stand in the joint observation.
+    pub(super) fn spot(&self, agent: usize, joint: &[f32]) -> Option<DVec2> {
+        let [x, y] = self.0[agent].spot;
+        Some(DVec2::new(joint[x?].into(), joint[y?].into()))
+    }
+}

@@ -1,0 +1,99 @@
+//! How bodies move: a law of motion that is fitted to play, and what it says of the next step.
+//!
+//! Nothing of it is given by hand but what a [`Spec`] says of each observed value: its unit, its axis, whom it tells of
+//! and which value is its rate of change.
+
+mod bodies;
+mod fit;
+mod least;
+
+pub use bodies::Bodies;
+pub use fit::{Fitted, fit};
+
+use serde::{Deserialize, Serialize};
+
+use crate::environment::Spec;
+
+/// The law by which all bodies of an environment move. With `v` a velocity along an axis, `x` a place whose rate of change
+/// is `v`, and `a` the action of the agent that they tell of, a step does
+///
+/// ```text
+/// v' = keep v + pushes[agent][a][axis] + contacts
+/// x' = x + before v + after v'
+/// ```
+///
+/// Contacts push two agents apart along the line between them, by `stiffness (distance - d)` if they are nearer than
+/// `distance`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dynamics {
+    /// The share of its velocity that a body keeps in a step.
+    pub keep: f64,
+    /// What an action adds to an agent's velocity along x and y, m/s: `[agent][action]`.
+    pub pushes: Vec<Vec<[f64; 2]>>,
+    /// How long a step moves places by the velocity before it, s.
+    pub before: f64,
+    /// How long a step moves places by the velocity after it, s.
+    pub after: f64,
+    /// How agents push each other, if that was seen.
+    pub contact: Option<Contact>,
+}
+
+/// How agents push each other.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Contact {
+    /// What a metre of overlap adds to the velocity of each in a step, 1/s.
+    pub stiffness: f64,
+    /// Between whose centres there is less than this touch, m.
+    pub distance: f64,
+}
+
+impl Dynamics {
+    /// Whether these are the dynamics of such an environment, as far as sizes tell.
+    pub fn fits(&self, spec: &Spec) -> bool {
+        let sizes = self.pushes.iter().zip(&spec.agents);
+        self.pushes.len() == spec.n_agents()
+            && sizes.enumerate().all(|(agent, (pushes, _))| pushes.len() == spec.available_actions(agent))
+            && [self.keep, self.before, self.after].iter().all(|value| value.is_finite())
+    }
+
+    /// What an action adds to the velocity of `agent`, m/s along x and y; nothing if it has no such action.
+    pub fn push(&self, agent: usize, action: usize) -> [f64; 2] {
+        self.pushes[agent].get(action).copied().unwrap_or_default()
+    }
+
+    /// Moves what a joint observation `before` says of `agent` on by a step in which it is pushed like this: writes those
+    /// dims of `after`, both `[predicted]` or longer, and no other.
+    pub fn advance(&self, bodies: &Bodies, agent: usize, push: [f64; 2], before: &[f32], after: &mut [f32]) {
+        let contact = self.contact.map_or([0.0; 2], |contact| contact.push(bodies, agent, before));
+        for velocity in bodies.velocities(agent) {
+            let (dim, axis) = (velocity.dim, velocity.axis as usize);
+            after[dim] = (self.keep * f64::from(before[dim]) + push[axis] + contact[axis]) as f32;
+        }
+        for place in bodies.places(agent) {
+            let (old, new) = (f64::from(before[place.rate]), f64::from(after[place.rate]));
+            let moved = f64::from(place.sign) * (self.before * old + self.after * new);
+            after[place.dim] = (f64::from(before[place.dim]) + moved) as f32;
+        }
+    }
+}
+
+impl Contact {
+    /// What the others add to the velocity of `agent` in a step that begins as `joint` says, m/s along x and y.
+    fn push(&self, bodies: &Bodies, agent: usize, joint: &[f32]) -> [f64; 2] {
+        let Some(own) = bodies.spot(agent, joint) else { return [0.0; 2] };
+        let mut push = [0.0; 2];
+        let others = (0..bodies.n_agents()).filter(|other| *other != agent);
+        for other in others.filter_map(|other| bodies.spot(other, joint)) {
+            let (apart, distance) = (own - other, own.distance(other));
+            let depth = self.distance - distance;
+            // Of agents in one place nobody can say which way they are pushed.
+            if depth > 0.0 && distance > 0.0 {
+                let force = apart * (self.stiffness * depth / distance);
+                push = [push[0] + force.x, push[1] + force.y];
+            }
+        }
+        push
+    }
+}
