@@ -102,10 +102,15 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
 /// Both sides of the bus in one thread, phase by phase, with all that agents do in a tick.
 #[test]
 fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode() {
-    for task in ["hear-see", "spread-xy-4"] {
+    for (task, imputer) in [
+        ("hear-see", "value-aware"),
+        ("spread-xy-4", "value-aware"),
+        ("spread-xy-4", "dynamics"),
+        ("spread-xy-4", "teammates"),
+    ] {
         let task = Task::parse(task).unwrap();
         let agents = task.spec().n_agents();
-        let imputer = "value-aware".to_owned();
+        let imputer = imputer.to_owned();
         let settings = AgentSettings { imputer, ..AgentSettings::of(task.spec()) };
         let layout = settings.layout();
         let directory = SwarmDirectory::create().unwrap();

@@ -3,11 +3,14 @@
 //! One file per imputer and one line each in the [`Registry`], which is where a name becomes one.
 
 mod carried;
+mod dynamics;
 mod hold;
 mod layout;
+mod motion;
 mod past;
 mod predictor;
 mod registry;
+mod teammates;
 mod velocity;
 mod zero;
 

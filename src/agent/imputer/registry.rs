@@ -3,8 +3,10 @@
 use std::fmt;
 use std::sync::Arc;
 
+use super::dynamics::OwnDynamics;
 use super::hold::Hold;
 use super::predictor::Prediction;
+use super::teammates::Teammates;
 use super::velocity::Velocity;
 use super::zero::Zero;
 use super::{Imputer, Setup};
@@ -34,10 +36,21 @@ struct Entry {
 type Make = dyn Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync;
 
 impl Default for Registry {
-    /// The imputers of this library that need no network.
+    /// The imputers of this library that go by names of their own.
     fn default() -> Registry {
         Registry { entries: Vec::new() }
+            .with_imputer(
+                "dynamics",
+                "for itself what its own actions make of it by the dynamics in the policy file, for others what the \
+                 policy's best predictor expects",
+                |setup| Ok(Box::new(OwnDynamics::new(setup)?)),
+            )
             .with_imputer("hold", "what was received last", |setup| Ok(Box::new(Hold::new(setup))))
+            .with_imputer(
+                "teammates",
+                "as dynamics, and teammates as their actors in the policy file would act on what this agent believes",
+                |setup| Ok(Box::new(Teammates::new(setup)?)),
+            )
             .with_imputer(
                 "velocity",
                 "what was received last, with places moved on by their velocity",

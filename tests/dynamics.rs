@@ -1,0 +1,74 @@
+//! Imputers that know the dynamics, through the real binary: fitted, kept in policy files, and what they are worth.
+
+// Helpers of tests are tests, which clippy does not see.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{fail, succeed};
+use serde_json::Value;
+
+/// The mean return of 100 episodes in which only what is sent at t = 0 arrives, or everything.
+fn mean_return(task: &str, imputer: &str, p: f64, options: &str) -> f64 {
+    let words =
+        format!("spawn --task {task} --imputer {imputer} --p {p} --episodes 100 --seed 3 --json {options}");
+    let summary: Value = serde_json::from_str(&succeed(&words)).unwrap();
+    summary["return_mean"].as_f64().unwrap()
+}
+
+#[test]
+fn with_its_own_state_right_a_team_hardly_needs_its_radio() {
+    for (task, dynamics_lose, teammates_lose) in [("hear-see", 0.01, 0.01), ("spread-xy-2", 3.0, 1.0)] {
+        let everything = mean_return(task, "dynamics", 1.0, "--in-process");
+        let [learned, dynamics, teammates] = ["value-aware", "dynamics", "teammates"]
+            .map(|imputer| everything - mean_return(task, imputer, 0.0, "--in-process"));
+        assert!(learned > 8.0, "{task}: {learned}");
+        assert!(dynamics < dynamics_lose, "{task}: {dynamics}");
+        assert!(teammates < teammates_lose, "{task}: {teammates}");
+    }
+}
+
+#[test]
+fn agents_that_are_processes_compute_the_same() {
+    for imputer in ["dynamics", "teammates"] {
+        let [alone, processes] =
+            ["--in-process", ""].map(|options| mean_return("spread-xy-4", imputer, 0.2, options));
+        assert_eq!(alone, processes, "{imputer}");
+    }
+    // What arrives late is used as well, in any number of worlds.
+    let [one, many] = ["--worlds 1", "--worlds 7"].map(|worlds| {
+        let options = format!("--links delay(1,1) --in-process {worlds}");
+        mean_return("spread-xy-2", "teammates", 0.5, &options)
+    });
+    assert_eq!(one, many);
+}
+
+#[test]
+fn fitting_changes_nothing_of_a_policy_but_what_it_knows_of_dynamics() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let run = run.display();
+    succeed(&format!("train --task spread-xy-2 --steps 1000 --out {run}"));
+    fail(
+        &format!("spawn --task spread-xy-2 --policy {run} --imputer dynamics --episodes 1 --in-process"),
+        2,
+        &["holds no dynamics of spread-xy-2", "vamaro-swarm fit"],
+    );
+    let fitted = folder.path().join("fitted.safetensors");
+    let fitted = fitted.display();
+    let said = succeed(&format!("fit {run} --out {fitted}"));
+    assert!(said.contains("0.7500 of it stays") && said.contains("nearer than 0.3000 m"), "{said}");
+    assert!(succeed(&format!("inspect {fitted}")).contains("dynamics    fitted"));
+    let play = |policy: &str| {
+        succeed(&format!(
+            "spawn --task spread-xy-2 --policy {policy} --imputer value-aware --p 0.2 --episodes 5 --in-process --json"
+        ))
+    };
+    let returns = |text: &str| serde_json::from_str::<Value>(text).unwrap()["return_mean"].as_f64().unwrap();
+    assert_eq!(returns(&play(&run.to_string())), returns(&play(&fitted.to_string())));
+    succeed(&format!(
+        "spawn --task spread-xy-2 --policy {fitted} --imputer dynamics --episodes 5 --in-process"
+    ));
+    fail("fit builtin", 2, &["builtin is no file"]);
+    fail(&format!("fit {run} --episodes 0"), 2, &["--episodes"]);
+}
