@@ -61,7 +61,8 @@ impl Header {
     fn of(settings: &Settings) -> Header {
         Header {
             format: "vamaro-swarm cells".to_owned(),
-            version: 1,
+            // Version 1 told policies apart by how their networks were spelt in memory.
+            version: 2,
             program: env!("CARGO_PKG_VERSION").to_owned(),
             simd: kernels::instruction_set().to_owned(),
             settings: settings.clone(),
@@ -253,6 +254,7 @@ mod tests {
         let header = |settings: &Settings| serde_json::to_string(&Header::of(settings)).unwrap() + "\n";
         refused(&header(&settings(3)), "3 episodes");
         refused(&header(&settings(2)).replace(env!("CARGO_PKG_VERSION"), "0.0.9"), "version 0.0.9");
+        refused(&header(&settings(2)).replace("\"version\":2", "\"version\":1"), "cells.jsonl (version 1)");
         for foreign in ["{}\n", "something else", "something else\n"] {
             refused(foreign, "does not begin");
         }

@@ -2,6 +2,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use serde_json::json;
+
 use super::evaluation::{Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings};
 use super::play::{play, play_at_random};
 use super::record::{Key, Record};
@@ -11,7 +13,7 @@ use crate::base::threads::side_by_side;
 use crate::bus::Wait;
 use crate::environment::Task;
 use crate::failed;
-use crate::nn::Policy;
+use crate::nn::{Networks, Policy};
 use crate::supervisor::{InProcess, Processes, signals};
 
 /// What is to be played, and how.
@@ -243,12 +245,15 @@ impl State<'_> {
     }
 }
 
-/// Tells policies apart: FNV-1a over task, algorithm, networks and weights.
+/// Tells policies apart: FNV-1a over task, algorithm, networks, dynamics and weights.
 fn fingerprint(policy: &Policy) -> String {
     let mut values = vec![0.0; policy.n_values()];
     policy.copy_values(&mut values);
     let meta = policy.meta();
-    let words = format!("{} {} {:?}", meta.task, meta.algorithm, policy.networks());
+    // As they are in policy files, which stay readable: what counts is not how this version spells it in memory.
+    let Networks { actor, sharing, hidden, predictors } = policy.networks();
+    let networks = json!([actor, sharing, hidden, predictors, policy.dynamics()]);
+    let words = format!("{} {} {networks}", meta.task, meta.algorithm);
     let bytes = words.as_bytes().iter().chain(bytemuck::cast_slice(&values));
     let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
