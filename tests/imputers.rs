@@ -126,7 +126,10 @@ fn a_program_without_the_imputer_says_which_it_has() {
     let policy = PolicySource::Builtin.load(task.spec()).unwrap();
     let strange = AgentSettings { registry: Registry::default(), ..settings(&task, "mean") };
     let error = InProcess::new(&strange, &policy).err().unwrap().to_string();
-    assert!(error.contains("no imputer `mean`") && error.contains("hold, velocity, zero"), "{error}");
+    assert!(
+        error.contains("no imputer `mean`") && error.contains("hold, teammates, velocity, zero"),
+        "{error}"
+    );
 }
 
 /// A small team that has learned for a while, with a predictor that sees its agent's own action.

@@ -14,7 +14,7 @@ fn the_main_job_runs_and_says_what_it_did() {
     let first = text.lines().next().unwrap();
     assert!(first.contains("p = 0.2") && first.contains("drop = 0.8"), "{first}");
     for part in
-        ["return", "95 %", "delivered", "RMSE", "p50", "p99", "value-aware", "trained by", "5 M env steps"]
+        ["return", "95 %", "delivered", "RMSE", "p50", "p99", "dynamics", "trained by", "5 M env steps"]
     {
         assert!(text.contains(part), "{part}: {text}");
     }

@@ -173,7 +173,8 @@ fn a_recorded_swarm_is_taken_back() {
         assert!(said.starts_with("trace of s"), "{said}");
     }
     // With another policy it is another story.
-    succeed(&format!("spawn --agents 4 --p 0.4 --episodes 3 --record {}", trace.display()));
+    let words = "spawn --agents 4 --p 0.4 --episodes 3 --imputer value-aware";
+    succeed(&format!("{words} --record {}", trace.display()));
     fail(&format!("verify {} --policy untrained", trace.display()), 1, &["comparisons do not hold"]);
 }
 

@@ -9,7 +9,11 @@ use crate::usage;
 /// The dims of a joint observation that tell of agents' motion, agent by agent. One agent may stand in several
 /// observations, also in those of others alone.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bodies(Vec<Body>);
+pub struct Bodies {
+    agents: Vec<Body>,
+    /// Dims that tell of landmarks, which stay as they are for an episode.
+    constants: Vec<usize>,
+}
 
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Body {
@@ -41,10 +45,13 @@ impl Bodies {
     /// # Errors
     /// `Usage` if no dim is the velocity of an agent along an axis.
     pub fn of(spec: &Spec) -> Result<Bodies> {
-        let mut bodies = vec![Body::default(); spec.n_agents()];
+        let (mut bodies, mut constants) = (vec![Body::default(); spec.n_agents()], Vec::new());
         for (observer, agent) in spec.agents.iter().enumerate() {
             let first = observer * spec.unique_dim();
             for (dim, value) in agent.observation.iter().enumerate() {
+                if value.about == About::Landmark {
+                    constants.push(first + dim);
+                }
                 let (About::Agent(about), Some(axis)) = (value.about, value.axis) else { continue };
                 let Some(body) = bodies.get_mut(about) else { continue };
                 match (value.unit, value.rate) {
@@ -66,12 +73,12 @@ impl Bodies {
                 spec.id
             ));
         }
-        Ok(Bodies(bodies))
+        Ok(Bodies { agents: bodies, constants })
     }
 
     /// Size of the team.
     pub fn n_agents(&self) -> usize {
-        self.0.len()
+        self.agents.len()
     }
 
     /// The dims that [`Dynamics::advance`](super::Dynamics::advance) moves for an agent.
@@ -80,17 +87,22 @@ impl Bodies {
         self.velocities(agent).iter().map(|velocity| velocity.dim).chain(places)
     }
 
+    /// The dims that stay as they are for an episode.
+    pub fn constants(&self) -> &[usize] {
+        &self.constants
+    }
+
     pub(super) fn velocities(&self, agent: usize) -> &[Velocity] {
-        &self.0[agent].velocities
+        &self.agents[agent].velocities
     }
 
     pub(super) fn places(&self, agent: usize) -> &[Place] {
-        &self.0[agent].places
+        &self.agents[agent].places
     }
 
     /// Where an agent is, m, if both coordinates stand in the joint observation.
     pub(super) fn spot(&self, agent: usize, joint: &[f32]) -> Option<DVec2> {
-        let [x, y] = self.0[agent].spot;
+        let [x, y] = self.agents[agent].spot;
         Some(DVec2::new(joint[x?].into(), joint[y?].into()))
     }
 }

@@ -6,8 +6,8 @@ use crate::agent::Inbox;
 use crate::base::error::Result;
 
 /// What tells of the agent itself is moved on by the dynamics that the policy file holds, with the action that was carried
-/// out, also where only a teammate observes it. Everything else is what the policy's best predictor says, or held if it
-/// has none. Contacts follow from where it believes the others to be.
+/// out, also where only a teammate observes it. Landmarks stay where they are. Everything else is what the policy's best
+/// predictor says, or held if it has none. Contacts follow from where it believes the others to be.
 #[derive(Debug)]
 pub(super) struct OwnDynamics {
     others: Box<dyn Imputer>,

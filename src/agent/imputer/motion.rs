@@ -55,24 +55,35 @@ impl Motion {
         let estimate = &estimates[world * layout.joint()..][..layout.joint()];
         let expected = &mut expected[world * layout.predicted()..][..layout.predicted()];
         dynamics.advance(bodies, agent, push, estimate, expected);
+        bodies.constants().iter().for_each(|&dim| expected[dim] = estimate[dim]);
         *expects = true;
     }
 
-    /// Writes what is expected of an agent into the estimate of a world, where nothing better is known. What was observed
-    /// at this step is true. What arrives late of the own state is older than what is known; of others it is news.
+    /// Writes what is expected of an agent, and of landmarks, into the estimate of a world, where nothing better is known.
+    /// What was observed at this step is true. What arrives late of the own state is older than what is known; of others
+    /// it is news.
     pub(super) fn correct(&self, world: usize, agent: usize, inbox: &Inbox, estimate: &mut [f32]) {
         if !self.expects {
             return;
         }
         let expected = &self.expected[world * self.layout.predicted()..][..self.layout.predicted()];
+        let imputed = |dim: usize| Some(inbox.age(dim / self.layout.unique)).filter(|_| !self.observes(dim));
         for dim in self.bodies.dims(agent) {
-            let observer = dim / self.layout.unique;
-            let age = inbox.age(observer);
-            let is_news = if agent == self.agent { age == 0 } else { age != NOT_ARRIVED };
-            if observer != self.agent && !is_news {
+            let is_older = |age| if agent == self.agent { age != 0 } else { age == NOT_ARRIVED };
+            if imputed(dim).is_some_and(is_older) {
                 estimate[dim] = expected[dim];
             }
         }
+        for &dim in self.bodies.constants() {
+            if imputed(dim) == Some(NOT_ARRIVED) {
+                estimate[dim] = expected[dim];
+            }
+        }
+    }
+
+    /// Whether a dim is part of what the agent observes itself.
+    fn observes(&self, dim: usize) -> bool {
+        dim / self.layout.unique == self.agent
     }
 }
 

@@ -14,7 +14,11 @@ use crate::base::error::Result;
 use crate::nn::Policy;
 use crate::usage;
 
-/// The predictor that is used if the policy has it and nobody says otherwise.
+/// The imputer that is used if the policy has dynamics and nobody says otherwise. It needs no knowledge that an agent
+/// cannot have.
+pub const DEFAULT: &str = "dynamics";
+
+/// The predictor that is used if the policy has it but no dynamics, and nobody says otherwise.
 pub const PREFERRED: &str = "value-aware";
 
 /// The imputers that a program knows by name, beside the predictors of a policy, which go by their own names.
@@ -31,6 +35,8 @@ struct Entry {
     name: &'static str,
     description: &'static str,
     make: Arc<Make>,
+    /// Whether a policy has what it needs.
+    applies: fn(&Policy) -> bool,
 }
 
 type Make = dyn Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync;
@@ -45,12 +51,14 @@ impl Default for Registry {
                  policy's best predictor expects",
                 |setup| Ok(Box::new(OwnDynamics::new(setup)?)),
             )
+            .with_dynamics()
             .with_imputer("hold", "what was received last", |setup| Ok(Box::new(Hold::new(setup))))
             .with_imputer(
                 "teammates",
                 "as dynamics, and teammates as their actors in the policy file would act on what this agent believes",
                 |setup| Ok(Box::new(Teammates::new(setup)?)),
             )
+            .with_dynamics()
             .with_imputer(
                 "velocity",
                 "what was received last, with places moved on by their velocity",
@@ -70,13 +78,22 @@ impl Registry {
         make: impl Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync + 'static,
     ) -> Registry {
         self.entries.retain(|entry| entry.name != name);
-        self.entries.push(Entry { name, description, make: Arc::new(make) });
+        self.entries.push(Entry { name, description, make: Arc::new(make), applies: |_| true });
+        self
+    }
+
+    /// The last entry is only for policies that have dynamics.
+    fn with_dynamics(mut self) -> Registry {
+        if let Some(entry) = self.entries.last_mut() {
+            entry.applies = |policy| policy.dynamics().is_some();
+        }
         self
     }
 
     /// Everything that can impute with this policy: its predictors, then what is registered.
     pub fn names<'a>(&'a self, policy: &'a Policy) -> impl Iterator<Item = &'a str> {
-        policy.predictor_names().chain(self.entries.iter().map(|entry| entry.name))
+        let entries = self.entries.iter().filter(|entry| (entry.applies)(policy));
+        policy.predictor_names().chain(entries.map(|entry| entry.name))
     }
 
     /// The imputers that need no predictor, with what each takes lost values for, for a help text.
@@ -85,17 +102,22 @@ impl Registry {
         entries.collect::<Vec<_>>().join(", ")
     }
 
-    /// The imputer called `name` with this policy; without a name its best predictor, or `hold` if it has none.
+    /// The imputer called `name` with this policy. Without a name: [`DEFAULT`] if the policy has dynamics, else its best
+    /// predictor, or `hold` if it has none.
     ///
     /// # Errors
     /// `Usage` if there is none, with the names there are.
     pub fn choose(&self, name: Option<&str>, policy: &Policy) -> Result<String> {
         let Some(name) = name else {
+            if policy.dynamics().is_some() && self.entries.iter().any(|entry| entry.name == DEFAULT) {
+                return Ok(DEFAULT.to_owned());
+            }
             let mut predictors = policy.predictor_names();
             let preferred = policy.predictor(PREFERRED).map(|_| PREFERRED);
             return Ok(preferred.or_else(|| predictors.next()).unwrap_or("hold").to_owned());
         };
-        match self.names(policy).filter(|other| *other == name).count() {
+        let all = policy.predictor_names().chain(self.entries.iter().map(|entry| entry.name));
+        match all.filter(|other| *other == name).count() {
             1 => Ok(name.to_owned()),
             0 => Err(self.unknown(name, policy)),
             _ => Err(usage!(
@@ -145,7 +167,7 @@ mod tests {
     use super::*;
     use crate::agent::PolicySource;
     use crate::environment::Task;
-    use crate::nn::NAMED_OTHERWISE;
+    use crate::nn::{ActorKind, NAMED_OTHERWISE, Networks};
 
     fn policy() -> Policy {
         PolicySource::Builtin.load(Task::parse("hear-see").unwrap().spec()).unwrap()
@@ -163,7 +185,11 @@ mod tests {
         let registry = Registry::default().with_imputer("kalman", "a filter's mean", |_| unreachable!());
         let error = registry.choose(Some("calman"), &policy()).unwrap_err().to_string();
         assert!(error.contains("nearest is `kalman`") && error.contains("value-aware, maro"), "{error}");
-        assert_eq!(registry.choose(None, &policy()).unwrap(), "value-aware");
+        assert_eq!(registry.choose(None, &policy()).unwrap(), "dynamics");
+        let networks = Networks::paper(ActorKind::Mlp);
+        let untrained = Policy::untrained(policy().dims(), 0, networks).unwrap();
+        assert_eq!(registry.choose(None, &untrained).unwrap(), "value-aware");
+        assert!(!registry.names(&untrained).any(|name| name == "teammates"));
         assert_eq!(registry.choose(Some("kalman"), &policy()).unwrap(), "kalman");
         assert!(registry.help().contains("kalman (a filter's mean)"));
     }
