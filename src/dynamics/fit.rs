@@ -236,6 +236,14 @@ mod tests {
         }
     }
 
+    /// There places move by the old velocity, and agents see each other only from where they are themselves.
+    #[test]
+    fn the_other_order_of_integration_is_recognised() {
+        let Fitted { dynamics, .. } = fit(&Task::parse("simple-spread-3").unwrap(), 0, 100).unwrap();
+        assert!((dynamics.keep - 0.75).abs() < 1e-5, "{dynamics:?}");
+        assert!((dynamics.before - 0.1).abs() < 1e-5 && dynamics.after.abs() < 1e-5, "{dynamics:?}");
+    }
+
     #[test]
     fn a_body_that_moves_alone_goes_where_the_dynamics_say() {
         let task = Task::parse("hear-see").unwrap();

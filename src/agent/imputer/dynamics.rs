@@ -57,3 +57,53 @@ impl Imputer for OwnDynamics {
         self.others.renew(weights);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::PolicySource;
+    use crate::environment::Task;
+
+    /// What agent 0 of spread-xy-2, which receives nothing, believes of its other axis after it has done these things; what it
+    /// was mistaken about is put right afterwards.
+    fn believes(done: &[u32], mistaken: &[u32]) -> [f32; 2] {
+        let task = Task::parse("spread-xy-2").unwrap();
+        let policy = PolicySource::Builtin.load(task.spec()).unwrap();
+        let setup =
+            Setup { spec: task.spec(), policy: &policy, agent: 0, worlds: 1, longest_delay: 0, seed: 0 };
+        let mut imputer = OwnDynamics::new(&setup).unwrap();
+        imputer.begin_episodes(1);
+        // Far from its teammate, so that they do not touch.
+        let own = [0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let mut estimate = vec![0.0; task.spec().joint_dim()];
+        for (step, (done, mistaken)) in (0..).zip(done.iter().zip(mistaken)) {
+            imputer.fuse(0, &own, &Inbox::of(2, |_| None), &mut estimate);
+            let told = |action| Step {
+                episode: 0,
+                step,
+                estimates: &estimate,
+                actions: std::slice::from_ref(action),
+            };
+            imputer.predict(&told(mistaken));
+            if mistaken != done {
+                imputer.revise(&told(done));
+            }
+        }
+        imputer.fuse(0, &own, &Inbox::of(2, |_| None), &mut estimate);
+        // In the observation of agent 1: its own place and that of agent 0 along y come first, then the velocities.
+        [estimate[4], estimate[6]]
+    }
+
+    #[test]
+    fn the_own_state_follows_from_the_own_actions_where_only_a_teammate_sees_it() {
+        // Up, up, nothing: v = 0.5, 0.875, 0.65625; y is the sum of these, a tenth of a second each.
+        let [place, velocity] = believes(&[3, 3, 0], &[3, 3, 0]);
+        assert!((place - 0.203_125).abs() < 1e-6 && (velocity - 0.656_25).abs() < 1e-6, "{place} {velocity}");
+    }
+
+    #[test]
+    fn a_mistake_about_the_own_action_leaves_nothing_behind() {
+        assert_eq!(believes(&[3, 1, 0], &[4, 3, 0]), believes(&[3, 1, 0], &[3, 1, 0]));
+        assert_ne!(believes(&[3, 1, 0], &[3, 1, 0]), believes(&[4, 1, 0], &[4, 1, 0]));
+    }
+}
