@@ -69,6 +69,21 @@ fn fitting_changes_nothing_of_a_policy_but_what_it_knows_of_dynamics() {
     succeed(&format!(
         "spawn --task spread-xy-2 --policy {fitted} --imputer dynamics --episodes 5 --in-process"
     ));
+    // A predictor that sees the own action, beside it.
+    let said = succeed(&format!("fit {fitted} --imputers acting --updates 60"));
+    assert!(said.contains("predictor acting, 60 updates"), "{said}");
+    let held = succeed(&format!("inspect {fitted}"));
+    assert!(
+        held.contains("acting (hidden 128, sees the own action, skip)")
+            && held.contains("dynamics    fitted"),
+        "{held}"
+    );
+    assert_eq!(returns(&play(&run.to_string())), returns(&play(&fitted.to_string())));
+    succeed(&format!(
+        "spawn --task spread-xy-2 --policy {fitted} --imputer acting --episodes 5 --in-process"
+    ));
+    fail(&format!("fit {fitted} --imputers acting"), 2, &["has a predictor `acting`"]);
+    fail(&format!("fit {fitted} --imputers hold"), 2, &["\"hold\", which names another imputer"]);
     fail("fit builtin", 2, &["builtin is no file"]);
     fail(&format!("fit {run} --episodes 0"), 2, &["--episodes"]);
 }

@@ -1,71 +1,120 @@
 //! `fit`: what a frozen policy's imputers need to know.
 
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 
-use super::{policy_source, print};
-use crate::agent::PolicySource;
+use super::{policy_source, print, tell};
+use crate::agent::{DEFAULT, PolicySource};
 use crate::base::error::Result;
 use crate::dynamics::{Dynamics, Fitted, fit};
 use crate::environment::Task;
-use crate::nn::{PolicyFile, Precision};
+use crate::nn::{Policy, PolicyFile, Precision, PredictorSpec};
+use crate::supervisor::signals;
+use crate::train::{FitSettings, fit_predictor};
 use crate::usage;
 
-/// Fit the dynamics of a policy's environment, for the imputer `dynamics`
+/// Fit imputers to a policy that is not trained any more, and write them beside its weights
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm fit hear-see/seed-0 --out hs.safetensors
   vamaro-swarm evaluate hs.safetensors --imputers value-aware,dynamics
+  vamaro-swarm fit runs/hs-0 --imputers dynamics,acting --updates 3000
 
-Agents act at random in the first episodes of the seed, everything is seen, and how bodies move
-is fitted to that: what of its velocity a body keeps, what each action adds, how far a step
-moves, and how agents push each other. The weights of the policy stay as they are.")]
+For `dynamics`, agents act at random in the first episodes of the seed, everything is seen, and
+how bodies move is fitted to that: what of its velocity a body keeps, what each action adds, how
+far a step moves, and how agents push each other.
+Any other name is that of a new predictor, an LSTM that also sees its agent's own action. It
+learns in closed loop: it imputes for the policy's agents while links deliver with a probability
+drawn for each episode. The policy's own weights stay as they are.")]
 pub struct Fit {
     /// A policy file, or the folder of a training run
     #[arg(value_name = "FILE|DIR")]
     policy: String,
 
-    /// Where to write the policy with its dynamics [default: where it was read]
+    /// What to fit: `dynamics`, or names of new predictors
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = DEFAULT)]
+    imputers: Vec<String>,
+
+    /// Where to write the policy with them [default: where it was read]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 
-    /// How many episodes to look at
+    /// How many episodes to fit dynamics to
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     episodes: u64,
 
-    /// Seed of the episodes
+    /// How often to update a new predictor, on 32 episodes each time
+    #[arg(long, value_name = "N", default_value_t = FitSettings::default().updates,
+          value_parser = clap::value_parser!(u64).range(1..))]
+    updates: u64,
+
+    /// Seed of all draws
     #[arg(long, value_name = "SEED", default_value_t = 0)]
     seed: u64,
 }
 
+/// Time between lines about a predictor that learns.
+const BETWEEN_LINES: Duration = Duration::from_secs(10);
+
 impl Fit {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        signals::install()?;
         let source = policy_source(&self.policy, 0)?;
         let PolicySource::File(path) = &source else {
             return Err(usage!("{} is no file; fit a policy file, or the folder of a run", self.policy));
         };
         let file = PolicyFile::read(path)?;
         let task = Task::parse(&file.meta.task)?;
-        let policy = source.load(task.spec())?;
-        let fitted = fit(&task, self.seed, self.episodes)?;
+        let mut policy = source.load(task.spec())?;
+        for name in &self.imputers {
+            policy = match &name[..] {
+                DEFAULT => self.fit_dynamics(policy, &task)?,
+                name => self.teach(&policy, &task, name)?,
+            };
+        }
         let out = self.out.as_ref().unwrap_or(path);
-        let words = words(&fitted);
-        let policy = policy.with_dynamics(fitted.dynamics);
         // As precise as it was: values that have been rounded to f16 stay what they are.
         if file.tensors.iter().all(|tensor| tensor.precision == Precision::Half) {
             policy.save_half(out)?;
         } else {
             policy.save(out)?;
         }
+        print(&format!("wrote {}\n", out.display()))
+    }
+
+    fn fit_dynamics(&self, policy: Policy, task: &Task) -> Result<Policy> {
+        let fitted = fit(task, self.seed, self.episodes)?;
+        print(&format!("{}: dynamics from {} episodes\n{}", task.id(), self.episodes, words(&fitted)))?;
+        Ok(policy.with_dynamics(fitted.dynamics))
+    }
+
+    fn teach(&self, policy: &Policy, task: &Task, name: &str) -> Result<Policy> {
+        if policy.predictor(name).is_some() {
+            return Err(usage!("--imputers: the policy has a predictor `{name}`; choose another name"));
+        }
+        let settings = FitSettings { updates: self.updates, seed: self.seed, ..FitSettings::default() };
+        let (began, mut told) = (Instant::now(), Instant::now());
+        let mut loss = 0.0;
+        let taught =
+            fit_predictor(policy, task, &PredictorSpec::acting(name), &settings, |updates, losses| {
+                loss = losses.loss;
+                if told.elapsed() >= BETWEEN_LINES {
+                    told = Instant::now();
+                    tell(&format!("{name}: {updates} of {} updates, loss {loss:.4}", self.updates));
+                }
+                signals::check_stop()
+            })?;
+        let seconds = began.elapsed().as_secs_f64();
         print(&format!(
-            "{}: dynamics from {} episodes\n{words}wrote {}\n",
+            "{}: predictor {name}, {} updates in {seconds:.1} s, loss {loss:.4}\n",
             task.id(),
-            self.episodes,
-            out.display()
-        ))
+            self.updates
+        ))?;
+        Ok(taught)
     }
 }
 

@@ -65,7 +65,7 @@ enum Command {
     Import(import::Import),
     /// Write a policy in half precision, for keeping
     Export(export::Export),
-    /// Fit the dynamics of a policy's environment, for the imputer `dynamics`
+    /// Fit imputers to a policy that is not trained any more
     Fit(fit::Fit),
     /// Say what a policy, checkpoint, trace or recording holds
     Inspect(inspect::Inspect),

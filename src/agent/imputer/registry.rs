@@ -51,14 +51,14 @@ impl Default for Registry {
                  policy's best predictor expects",
                 |setup| Ok(Box::new(OwnDynamics::new(setup)?)),
             )
-            .with_dynamics()
+            .needing_dynamics()
             .with_imputer("hold", "what was received last", |setup| Ok(Box::new(Hold::new(setup))))
             .with_imputer(
                 "teammates",
                 "as dynamics, and teammates as their actors in the policy file would act on what this agent believes",
                 |setup| Ok(Box::new(Teammates::new(setup)?)),
             )
-            .with_dynamics()
+            .needing_dynamics()
             .with_imputer(
                 "velocity",
                 "what was received last, with places moved on by their velocity",
@@ -83,7 +83,7 @@ impl Registry {
     }
 
     /// The last entry is only for policies that have dynamics.
-    fn with_dynamics(mut self) -> Registry {
+    fn needing_dynamics(mut self) -> Registry {
         if let Some(entry) = self.entries.last_mut() {
             entry.applies = |policy| policy.dynamics().is_some();
         }
