@@ -19,7 +19,7 @@ pub mod process;
 mod source;
 
 pub use decision::{Agent, AgentSettings};
-pub use imputer::{DEFAULT, Imputer, JointLayout, PREFERRED, Registry};
+pub use imputer::{Imputer, JointLayout, PREFERRED, Registry};
 pub use inbox::{Inbox, Mailbox, Received};
 pub use member::{Member, Sensed};
 pub use source::{BUILTIN, PolicySource, dims, paper_actor};

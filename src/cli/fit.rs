@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use super::{policy_source, print, tell};
-use crate::agent::{DEFAULT, PolicySource};
+use crate::agent::PolicySource;
 use crate::base::error::Result;
 use crate::dynamics::{Dynamics, Fitted, fit};
 use crate::environment::Task;
@@ -35,7 +35,7 @@ pub struct Fit {
     policy: String,
 
     /// What to fit: `dynamics`, or names of new predictors
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = DEFAULT)]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = DYNAMICS)]
     imputers: Vec<String>,
 
     /// Where to write the policy with them [default: where it was read]
@@ -56,6 +56,9 @@ pub struct Fit {
     seed: u64,
 }
 
+/// What is fitted without a network.
+const DYNAMICS: &str = "dynamics";
+
 /// Time between lines about a predictor that learns.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
@@ -72,7 +75,7 @@ impl Fit {
         let mut policy = source.load(task.spec())?;
         for name in &self.imputers {
             policy = match &name[..] {
-                DEFAULT => self.fit_dynamics(policy, &task)?,
+                DYNAMICS => self.fit_dynamics(policy, &task)?,
                 name => self.teach(&policy, &task, name)?,
             };
         }

@@ -1,10 +1,12 @@
 //! Fitting dynamics to episodes of random play.
 
+use glam::DVec2;
+
 use super::least::{Equations, median};
 use super::{Bodies, Contact, Dynamics};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
-use crate::environment::{End, Outcome, Spec, Task};
+use crate::environment::{End, Environment, Outcome, Spec, Task};
 use crate::{failed, usage};
 
 /// Dynamics, and how well they fit what was seen.
@@ -85,7 +87,7 @@ fn play(task: &Task, seed: u64, episodes: u64) -> Result<Vec<Step>> {
     for episode in 0..episodes {
         world.reset(0, seed, episode)?;
         for step in 0..spec.episode_steps as u64 {
-            let mut joint = |world: &mut dyn crate::environment::Environment| -> Result<Vec<f32>> {
+            let mut joint = |world: &mut dyn Environment| -> Result<Vec<f32>> {
                 world.observe(1, &mut seen)?;
                 Ok(seen.chunks_exact(padded).flat_map(|seen| seen[..unique].to_vec()).collect())
             };
@@ -169,7 +171,7 @@ fn touches(dynamics: &Dynamics, bodies: &Bodies, steps: &[Step], error: f64) -> 
         let mut pushed = (0..bodies.n_agents()).filter_map(|agent| {
             let mut free = before.clone();
             dynamics.advance(bodies, agent, dynamics.push(agent, actions[agent] as usize), before, &mut free);
-            let mut extra = glam::DVec2::ZERO;
+            let mut extra = DVec2::ZERO;
             for velocity in bodies.velocities(agent) {
                 extra[velocity.axis as usize] =
                     f64::from(after[velocity.dim]) - f64::from(free[velocity.dim]);

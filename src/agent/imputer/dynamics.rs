@@ -27,7 +27,7 @@ impl OwnDynamics {
     fn advance(&mut self, step: &Step) {
         for (world, &action) in step.actions.iter().enumerate() {
             let push = self.motion.dynamics.push(self.agent, action as usize);
-            self.motion.advance(world, self.agent, push, step.estimates);
+            self.motion.advance(world, step.estimates, std::iter::once((self.agent, push)));
         }
     }
 }
@@ -35,12 +35,12 @@ impl OwnDynamics {
 impl Imputer for OwnDynamics {
     fn begin_episodes(&mut self, worlds: usize) {
         self.others.begin_episodes(worlds);
-        self.motion.expects = false;
+        self.motion.begin_episodes();
     }
 
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         self.others.fuse(world, own, inbox, estimate);
-        self.motion.correct(world, self.agent, inbox, estimate);
+        self.motion.correct(world, std::iter::once(self.agent), inbox, estimate);
     }
 
     fn predict(&mut self, step: &Step) {

@@ -16,7 +16,7 @@ mod zero;
 
 pub use carried::Carried;
 pub use layout::JointLayout;
-pub use registry::{DEFAULT, PREFERRED, Registry};
+pub use registry::{PREFERRED, Registry};
 
 use super::Inbox;
 use crate::environment::Spec;

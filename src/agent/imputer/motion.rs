@@ -2,7 +2,7 @@
 
 use super::hold::Hold;
 use super::predictor::Prediction;
-use super::registry::PREFERRED;
+use super::registry::best_predictor;
 use super::{Imputer, JointLayout, Setup};
 use crate::agent::Inbox;
 use crate::base::error::Result;
@@ -20,7 +20,7 @@ pub(super) struct Motion {
     /// `[worlds, predicted]`. Dims that nobody has moved mean nothing.
     expected: Vec<f32>,
     /// Whether a step has been made in this episode, so that something is expected.
-    pub expects: bool,
+    expects: bool,
 }
 
 impl Motion {
@@ -48,29 +48,44 @@ impl Motion {
         })
     }
 
-    /// Moves an agent on by a step that begins as the joint estimate of this world says, and in which it is pushed
-    /// like this.
-    pub(super) fn advance(&mut self, world: usize, agent: usize, push: [f64; 2], estimates: &[f32]) {
+    /// Nothing is expected: an episode starts.
+    pub(super) fn begin_episodes(&mut self) {
+        self.expects = false;
+    }
+
+    /// Moves agents on by a step that begins as the joint estimate of this world says, each pushed as it says. Landmarks stay.
+    pub(super) fn advance(
+        &mut self,
+        world: usize,
+        estimates: &[f32],
+        pushed: impl Iterator<Item = (usize, [f64; 2])>,
+    ) {
         let Motion { dynamics, bodies, layout, expected, expects, .. } = self;
         let estimate = &estimates[world * layout.joint()..][..layout.joint()];
         let expected = &mut expected[world * layout.predicted()..][..layout.predicted()];
-        dynamics.advance(bodies, agent, push, estimate, expected);
+        pushed.for_each(|(agent, push)| dynamics.advance(bodies, agent, push, estimate, expected));
         bodies.constants().iter().for_each(|&dim| expected[dim] = estimate[dim]);
         *expects = true;
     }
 
-    /// Writes what is expected of an agent, and of landmarks, into the estimate of a world, where nothing better is known.
-    /// What was observed at this step is true. What arrives late of the own state is older than what is known; of others
-    /// it is news.
-    pub(super) fn correct(&self, world: usize, agent: usize, inbox: &Inbox, estimate: &mut [f32]) {
+    /// Writes what is expected of these agents, and of landmarks, into the estimate of a world, where nothing better is
+    /// known. What was observed at this step is true. What arrives late of the own state is older than what is known; of
+    /// others it is news.
+    pub(super) fn correct(
+        &self,
+        world: usize,
+        agents: impl Iterator<Item = usize>,
+        inbox: &Inbox,
+        estimate: &mut [f32],
+    ) {
         if !self.expects {
             return;
         }
         let expected = &self.expected[world * self.layout.predicted()..][..self.layout.predicted()];
         let imputed = |dim: usize| Some(inbox.age(dim / self.layout.unique)).filter(|_| !self.observes(dim));
-        for dim in self.bodies.dims(agent) {
+        for agent in agents {
             let is_older = |age| if agent == self.agent { age != 0 } else { age == NOT_ARRIVED };
-            if imputed(dim).is_some_and(is_older) {
+            for dim in self.bodies.dims(agent).filter(|dim| imputed(*dim).is_some_and(is_older)) {
                 estimate[dim] = expected[dim];
             }
         }
@@ -89,9 +104,7 @@ impl Motion {
 
 /// For everything that is not moved: the policy's best predictor, or what was received last if it has none.
 pub(super) fn remaining(setup: &Setup) -> Box<dyn Imputer> {
-    let policy = setup.policy;
-    let name = policy.predictor(PREFERRED).map(|_| PREFERRED).or_else(|| policy.predictor_names().next());
-    match name.and_then(|name| Prediction::new(name, setup)) {
+    match best_predictor(setup.policy).and_then(|name| Prediction::new(name, setup)) {
         Some(prediction) => Box::new(prediction),
         None => Box::new(Hold::new(setup)),
     }

@@ -16,7 +16,7 @@ use crate::usage;
 
 /// The imputer that is used if the policy has dynamics and nobody says otherwise. It needs no knowledge that an agent
 /// cannot have.
-pub const DEFAULT: &str = "dynamics";
+const DEFAULT: &str = "dynamics";
 
 /// The predictor that is used if the policy has it but no dynamics, and nobody says otherwise.
 pub const PREFERRED: &str = "value-aware";
@@ -102,7 +102,7 @@ impl Registry {
         entries.collect::<Vec<_>>().join(", ")
     }
 
-    /// The imputer called `name` with this policy. Without a name: [`DEFAULT`] if the policy has dynamics, else its best
+    /// The imputer called `name` with this policy. Without a name: `dynamics` if the policy has them, else its best
     /// predictor, or `hold` if it has none.
     ///
     /// # Errors
@@ -112,9 +112,7 @@ impl Registry {
             if policy.dynamics().is_some() && self.entries.iter().any(|entry| entry.name == DEFAULT) {
                 return Ok(DEFAULT.to_owned());
             }
-            let mut predictors = policy.predictor_names();
-            let preferred = policy.predictor(PREFERRED).map(|_| PREFERRED);
-            return Ok(preferred.or_else(|| predictors.next()).unwrap_or("hold").to_owned());
+            return Ok(best_predictor(policy).unwrap_or("hold").to_owned());
         };
         let all = policy.predictor_names().chain(self.entries.iter().map(|entry| entry.name));
         match all.filter(|other| *other == name).count() {
@@ -154,6 +152,12 @@ impl Registry {
             always.join(", ")
         )
     }
+}
+
+/// The predictor of a policy that is used where nobody says which.
+pub(super) fn best_predictor(policy: &Policy) -> Option<&str> {
+    let preferred = policy.predictor(PREFERRED).map(|_| PREFERRED);
+    preferred.or_else(|| policy.predictor_names().next())
 }
 
 impl fmt::Debug for Registry {

@@ -65,11 +65,9 @@ impl Teammates {
     fn advance(&mut self, step: &Step) {
         let Teammates { motion, agent, teammates, .. } = self;
         for (world, &action) in step.actions.iter().enumerate() {
-            let push = motion.dynamics.push(*agent, action as usize);
-            motion.advance(world, *agent, push, step.estimates);
-            for Teammate { agent, pushes, .. } in teammates.iter() {
-                motion.advance(world, *agent, pushes[world], step.estimates);
-            }
+            let own = (*agent, motion.dynamics.push(*agent, action as usize));
+            let others = teammates.iter().map(|teammate| (teammate.agent, teammate.pushes[world]));
+            motion.advance(world, step.estimates, others.chain([own]));
         }
     }
 }
@@ -77,14 +75,14 @@ impl Teammates {
 impl Imputer for Teammates {
     fn begin_episodes(&mut self, worlds: usize) {
         self.others.begin_episodes(worlds);
-        self.motion.expects = false;
+        self.motion.begin_episodes();
         self.teammates.iter_mut().for_each(|teammate| teammate.state.start(worlds));
     }
 
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         self.others.fuse(world, own, inbox, estimate);
         let teammates = self.teammates.iter().map(|teammate| teammate.agent);
-        teammates.chain([self.agent]).for_each(|agent| self.motion.correct(world, agent, inbox, estimate));
+        self.motion.correct(world, teammates.chain([self.agent]), inbox, estimate);
     }
 
     fn predict(&mut self, step: &Step) {
