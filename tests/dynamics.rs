@@ -29,6 +29,18 @@ fn with_its_own_state_right_a_team_hardly_needs_its_radio() {
 }
 
 #[test]
+fn what_arrives_late_tells_agents_where_they_are() {
+    for task in ["hear-see", "spread-xy-2", "spread-xy-4"] {
+        let [learned, dynamics, teammates, deaf] =
+            [("value-aware", 1.0), ("dynamics", 1.0), ("teammates", 1.0), ("dynamics", 0.0)].map(
+                |(imputer, p)| mean_return(task, imputer, p, "--links delay(1) --no-comm-at-t0 --in-process"),
+            );
+        assert!(dynamics > learned && teammates > dynamics - 1.0, "{task}: {learned} {dynamics} {teammates}");
+        assert!(deaf < dynamics, "{task}: {deaf} {dynamics}");
+    }
+}
+
+#[test]
 fn agents_that_are_processes_compute_the_same() {
     for imputer in ["dynamics", "teammates"] {
         let [alone, processes] =

@@ -45,6 +45,7 @@ impl Imputer for OwnDynamics {
 
     fn predict(&mut self, step: &Step) {
         self.others.predict(step);
+        self.motion.keep(step.estimates);
         self.advance(step);
     }
 

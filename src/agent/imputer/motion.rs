@@ -1,12 +1,12 @@
 //! What imputers that know the dynamics share: who is moved on, and what of it counts.
 
 use super::hold::Hold;
+use super::past::Past;
 use super::predictor::Prediction;
 use super::registry::best_predictor;
 use super::{Imputer, JointLayout, Setup};
-use crate::agent::Inbox;
+use crate::agent::{Inbox, Received};
 use crate::base::error::Result;
-use crate::bus::NOT_ARRIVED;
 use crate::dynamics::{Bodies, Dynamics};
 use crate::usage;
 
@@ -19,6 +19,7 @@ pub(super) struct Motion {
     agent: usize,
     /// `[worlds, predicted]`. Dims that nobody has moved mean nothing.
     expected: Vec<f32>,
+    past: Past,
     /// Whether a step has been made in this episode, so that something is expected.
     expects: bool,
 }
@@ -44,6 +45,7 @@ impl Motion {
             layout,
             agent: setup.agent,
             expected: vec![0.0; setup.worlds * layout.predicted()],
+            past: Past::new(layout, setup.worlds, setup.longest_delay),
             expects: false,
         })
     }
@@ -51,6 +53,12 @@ impl Motion {
     /// Nothing is expected: an episode starts.
     pub(super) fn begin_episodes(&mut self) {
         self.expects = false;
+        self.past.begin_episode();
+    }
+
+    /// Keeps the joint estimates of a step, `[worlds, joint]`: what arrives late is held against them.
+    pub(super) fn keep(&mut self, estimates: &[f32]) {
+        self.past.keep(estimates);
     }
 
     /// Moves agents on by a step that begins as the joint estimate of this world says, each pushed as it says. Landmarks stay.
@@ -69,10 +77,9 @@ impl Motion {
     }
 
     /// Writes what is expected of these agents, and of landmarks, into the estimate of a world, where nothing better is
-    /// known. What was observed at this step is true. What arrives late of the own state is older than what is known; of
-    /// others it is news.
+    /// known. What was observed at this step is true. What arrives late says how wrong the estimate of that step was.
     pub(super) fn correct(
-        &self,
+        &mut self,
         world: usize,
         agents: impl Iterator<Item = usize>,
         inbox: &Inbox,
@@ -81,24 +88,20 @@ impl Motion {
         if !self.expects {
             return;
         }
-        let expected = &self.expected[world * self.layout.predicted()..][..self.layout.predicted()];
-        let imputed = |dim: usize| Some(inbox.age(dim / self.layout.unique)).filter(|_| !self.observes(dim));
-        for agent in agents {
-            let is_older = |age| if agent == self.agent { age != 0 } else { age == NOT_ARRIVED };
-            for dim in self.bodies.dims(agent).filter(|dim| imputed(*dim).is_some_and(is_older)) {
-                estimate[dim] = expected[dim];
+        let Motion { bodies, layout, agent, expected, past, .. } = self;
+        let expected = &expected[world * layout.predicted()..][..layout.predicted()];
+        let moved = agents.flat_map(|agent| bodies.dims(agent)).chain(bodies.constants().iter().copied());
+        for dim in moved.filter(|dim| dim / layout.unique != *agent) {
+            let sender = dim / layout.unique;
+            match inbox.from(sender) {
+                None => estimate[dim] = expected[dim],
+                Some(Received { age: 0, .. }) => {}
+                Some(Received { age, observation }) => {
+                    let wrong = past.put_right(world, dim, age, observation[dim % layout.unique]);
+                    estimate[dim] = wrong.map_or(estimate[dim], |wrong| expected[dim] + wrong);
+                }
             }
         }
-        for &dim in self.bodies.constants() {
-            if imputed(dim) == Some(NOT_ARRIVED) {
-                estimate[dim] = expected[dim];
-            }
-        }
-    }
-
-    /// Whether a dim is part of what the agent observes itself.
-    fn observes(&self, dim: usize) -> bool {
-        dim / self.layout.unique == self.agent
     }
 }
 

@@ -48,19 +48,26 @@ impl Past {
     ///
     /// If that step is not kept, since the agent has missed some against the clock, the observation is the estimate.
     pub fn correct(&mut self, world: usize, sender: usize, age: u8, carried: &[f32], part: &mut [f32]) {
-        let (JointLayout { unique, .. }, predicted, kept) = (self.layout, self.layout.predicted(), self.kept);
-        let age = usize::from(age);
+        for ((dim, value), carried) in self.layout.part(sender).zip(part).zip(carried) {
+            if let Some(wrong) = self.put_right(world, dim, age, *value) {
+                *value = carried + wrong;
+            }
+        }
+    }
+
+    /// How much what was observed of a dim `age` steps ago is more than its estimate of that step, by which that estimate
+    /// and all later ones move. `None` if that step is not kept.
+    pub fn put_right(&mut self, world: usize, dim: usize, age: u8, observed: f32) -> Option<f32> {
+        let (predicted, kept, age) = (self.layout.predicted(), self.kept, usize::from(age));
         if age > self.steps.min(kept) {
-            return;
+            return None;
         }
-        let world = &mut self.estimates[world * kept * predicted..][..kept * predicted];
-        let at = |step: usize| step % kept * predicted + sender * unique;
+        let estimates = &mut self.estimates[world * kept * predicted..][..kept * predicted];
+        let at = |step: usize| step % kept * predicted + dim;
         let then = self.steps - age;
-        for dim in 0..unique {
-            let wrong = part[dim] - world[at(then) + dim];
-            (then..self.steps).for_each(|step| world[at(step) + dim] += wrong);
-            part[dim] = carried[dim] + wrong;
-        }
+        let wrong = observed - estimates[at(then)];
+        (then..self.steps).for_each(|step| estimates[at(step)] += wrong);
+        Some(wrong)
     }
 }
 

@@ -87,6 +87,7 @@ impl Imputer for Teammates {
 
     fn predict(&mut self, step: &Step) {
         self.others.predict(step);
+        self.motion.keep(step.estimates);
         let Teammates { motion, teammates, scratch, logits, n_actions, .. } = self;
         let worlds = step.actions.len();
         for Teammate { agent, actor, state, pushes, .. } in teammates {
