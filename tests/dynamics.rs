@@ -29,6 +29,23 @@ fn with_its_own_state_right_a_team_hardly_needs_its_radio() {
 }
 
 #[test]
+fn imputers_differ_in_what_they_know() {
+    let play = |imputer, p| mean_return("spread-xy-2", imputer, p, "--in-process");
+    let everything = play("dynamics", 1.0);
+    // Who knows the teammate's dice knows what it does.
+    let shared = play("shared-dice", 0.0);
+    assert!((everything - shared).abs() < 0.5, "{everything} {shared}");
+    // A model without drag and contacts, in which others go on as they are.
+    let [kalman, velocity] = ["kalman", "velocity"].map(|imputer| play(imputer, 0.0));
+    assert!(everything - kalman > 20.0 && kalman > velocity, "{everything} {kalman} {velocity}");
+    // Who the rest is left to.
+    let [best, named, held] =
+        ["dynamics", "dynamics(value-aware)", "dynamics(hold)"].map(|imputer| play(imputer, 0.2));
+    assert_eq!(best, named);
+    assert_ne!(best, held);
+}
+
+#[test]
 fn what_arrives_late_tells_agents_where_they_are() {
     for task in ["hear-see", "spread-xy-2", "spread-xy-4"] {
         let [learned, dynamics, teammates, deaf] =
@@ -42,15 +59,17 @@ fn what_arrives_late_tells_agents_where_they_are() {
 
 #[test]
 fn agents_that_are_processes_compute_the_same() {
-    for imputer in ["dynamics", "teammates"] {
+    for imputer in ["dynamics(maro)", "teammates", "particles"] {
         let [alone, processes] =
             ["--in-process", ""].map(|options| mean_return("spread-xy-4", imputer, 0.2, options));
         assert_eq!(alone, processes, "{imputer}");
     }
     // What arrives late is used as well, in any number of worlds.
     let [one, many] = ["--worlds 1", "--worlds 7"].map(|worlds| {
-        let options = format!("--links delay(1,1) --in-process {worlds}");
-        mean_return("spread-xy-2", "teammates", 0.5, &options)
+        ["teammates", "particles"].map(|imputer| {
+            let options = format!("--links delay(1,1) --in-process {worlds}");
+            mean_return("spread-xy-2", imputer, 0.5, &options)
+        })
     });
     assert_eq!(one, many);
 }

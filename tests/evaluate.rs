@@ -33,7 +33,7 @@ fn the_same_numbers_wherever_agents_run() {
     let processes = findings(&json(&format!("{SMALL} --json")));
     let imputers = processes["groups"][0]["imputers"].as_array().unwrap();
     let names: Vec<&str> = imputers.iter().map(|imputer| imputer["imputer"].as_str().unwrap()).collect();
-    assert_eq!(names, ["value-aware", "maro", "dynamics", "hold", "teammates", "velocity", "zero"]);
+    assert_eq!(names, ["value-aware", "maro", "dynamics", "hold", "kalman", "teammates", "velocity", "zero"]);
     assert!(imputers.iter().all(|imputer| imputer["cells"].as_array().unwrap().len() == 5));
     for words in
         ["--in-process --threads 1", "--in-process --worlds 7", "--worlds 30", "--wait spin --worlds 11"]

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
+use super::choice::{most_probable, sample};
 use super::imputer::{Imputer, Registry, Setup, Step};
 use super::{Inbox, PolicySource};
 use crate::base::error::Result;
@@ -105,13 +106,13 @@ impl Agent {
     /// Makes agent `index` of a team from a policy that is loaded already.
     pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
         let spec = settings.spec.clone();
-        let AgentSettings { worlds, seed, longest_delay, .. } = *settings;
-        let setup = Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay };
+        let AgentSettings { worlds, seed, longest_delay, greedy, .. } = *settings;
+        let setup = Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay, greedy };
         let actor = policy.actor(index).clone();
         Ok(Agent {
             index,
             seed,
-            greedy: settings.greedy,
+            greedy,
             worlds,
             longest_delay,
             imputer: settings.registry.make(&settings.imputer, &setup)?,
@@ -257,47 +258,5 @@ impl Agent {
     /// How many logits there are in a world. The spec would go through all agents for that, in every tick.
     fn n_actions(&self) -> usize {
         self.logits.len() / self.worlds
-    }
-}
-
-/// The first of the largest logits.
-fn most_probable(logits: &[f32]) -> usize {
-    (1..logits.len()).fold(0, |best, i| if logits[i] > logits[best] { i } else { best })
-}
-
-/// Samples from softmax(logits) by inversion: the action whose share of [0, 1) u falls into.
-fn sample(logits: &[f32], u: f64) -> usize {
-    let largest = f64::from(logits[most_probable(logits)]);
-    let weight = |logit: &f32| (f64::from(*logit) - largest).exp();
-    let mut left = u * logits.iter().map(weight).sum::<f64>();
-    for (action, logit) in logits.iter().enumerate() {
-        left -= weight(logit);
-        if left < 0.0 {
-            return action;
-        }
-    }
-    // Only rounding leads here.
-    most_probable(logits)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn actions_are_sampled_by_their_probability() {
-        let probabilities = [0.5f64, 0.0, 0.3, 0.2];
-        let logits = probabilities.map(|p| p.ln() as f32);
-        let n = 10_000;
-        let mut counts = [0; 4];
-        (0..n).for_each(|i| counts[sample(&logits, (i as f64 + 0.5) / n as f64)] += 1);
-        for (count, p) in counts.into_iter().zip(probabilities) {
-            assert!((f64::from(count) / n as f64 - p).abs() < 1e-3, "{counts:?}");
-        }
-    }
-
-    #[test]
-    fn greedy_takes_the_first_of_the_largest() {
-        assert_eq!(most_probable(&[0.0, 2.0, -1.0, 2.0]), 1);
     }
 }

@@ -11,6 +11,7 @@
 //! [`Agent`] is these three calls. [`Member`] ties an agent to its port on the bus, phase by phase, and
 //! [`process`] runs a member as a process of its own.
 
+mod choice;
 mod decision;
 pub mod imputer;
 mod inbox;

@@ -1,6 +1,6 @@
 //! `fit`: what a frozen policy's imputers need to know.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -12,7 +12,7 @@ use crate::dynamics::{Dynamics, Fitted, fit};
 use crate::environment::Task;
 use crate::nn::{Policy, PolicyFile, Precision, PredictorSpec};
 use crate::supervisor::signals;
-use crate::train::{FitSettings, fit_predictor};
+use crate::train::{FitSettings, PredictorLosses, fit_predictor};
 use crate::usage;
 
 /// Fit imputers to a policy that is not trained any more, and write them beside its weights
@@ -28,7 +28,8 @@ how bodies move is fitted to that: what of its velocity a body keeps, what each 
 far a step moves, and how agents push each other.
 Any other name is that of a new predictor, an LSTM that also sees its agent's own action. It
 learns in closed loop: it imputes for the policy's agents while links deliver with a probability
-drawn for each episode. The policy's own weights stay as they are.")]
+drawn for each episode. The policy's own weights stay as they are. The same command goes on with a
+fit that was interrupted or killed; the result is bit-identical.")]
 pub struct Fit {
     /// A policy file, or the folder of a training run
     #[arg(value_name = "FILE|DIR")]
@@ -73,13 +74,13 @@ impl Fit {
         let file = PolicyFile::read(path)?;
         let task = Task::parse(&file.meta.task)?;
         let mut policy = source.load(task.spec())?;
+        let out = self.out.as_ref().unwrap_or(path);
         for name in &self.imputers {
             policy = match &name[..] {
                 DYNAMICS => self.fit_dynamics(policy, &task)?,
-                name => self.teach(&policy, &task, name)?,
+                name => self.teach(&policy, &task, name, &unfinished(out, name))?,
             };
         }
-        let out = self.out.as_ref().unwrap_or(path);
         // As precise as it was: values that have been rounded to f16 stay what they are.
         if file.tensors.iter().all(|tensor| tensor.precision == Precision::Half) {
             policy.save_half(out)?;
@@ -95,22 +96,26 @@ impl Fit {
         Ok(policy.with_dynamics(fitted.dynamics))
     }
 
-    fn teach(&self, policy: &Policy, task: &Task, name: &str) -> Result<Policy> {
+    fn teach(&self, policy: &Policy, task: &Task, name: &str, unfinished: &Path) -> Result<Policy> {
         if policy.predictor(name).is_some() {
             return Err(usage!("--imputers: the policy has a predictor `{name}`; choose another name"));
         }
         let settings = FitSettings { updates: self.updates, seed: self.seed, ..FitSettings::default() };
         let (began, mut told) = (Instant::now(), Instant::now());
         let mut loss = 0.0;
-        let taught =
-            fit_predictor(policy, task, &PredictorSpec::acting(name), &settings, |updates, losses| {
-                loss = losses.loss;
-                if told.elapsed() >= BETWEEN_LINES {
-                    told = Instant::now();
-                    tell(&format!("{name}: {updates} of {} updates, loss {loss:.4}", self.updates));
-                }
-                signals::check_stop()
-            })?;
+        let progress = |updates, losses: &PredictorLosses| {
+            loss = losses.loss;
+            if told.elapsed() >= BETWEEN_LINES {
+                told = Instant::now();
+                tell(&format!("{name}: {updates} of {} updates, loss {loss:.4}", self.updates));
+            }
+            signals::check_stop()
+        };
+        let spec = PredictorSpec::acting(name);
+        let left =
+            || format!("{} holds what has been learned; the same command goes on", unfinished.display());
+        let taught = fit_predictor(policy, task, &spec, &settings, unfinished, progress);
+        let taught = taught.map_err(|error| if unfinished.exists() { error.and(left()) } else { error })?;
         let seconds = began.elapsed().as_secs_f64();
         print(&format!(
             "{}: predictor {name}, {} updates in {seconds:.1} s, loss {loss:.4}\n",
@@ -119,6 +124,11 @@ impl Fit {
         ))?;
         Ok(taught)
     }
+}
+
+/// Where a predictor that is not finished is kept: beside the policy file it is for.
+fn unfinished(out: &Path, name: &str) -> PathBuf {
+    out.with_extension(format!("{name}.unfinished"))
 }
 
 fn words(fitted: &Fitted) -> String {

@@ -17,23 +17,17 @@ pub struct Bodies {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Body {
-    velocities: Vec<Velocity>,
+    velocities: Vec<(usize, Axis)>,
     places: Vec<Place>,
     /// Dims that are its place along x and y.
     spot: [Option<usize>; 2],
-}
-
-/// A dim that is a velocity.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Velocity {
-    pub dim: usize,
-    pub axis: Axis,
 }
 
 /// A dim that is a place which changes at a rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
     pub dim: usize,
+    pub axis: Axis,
     /// The dim of its rate of change, a velocity of the same agent.
     pub rate: usize,
     pub sign: f32,
@@ -55,9 +49,9 @@ impl Bodies {
                 let (About::Agent(about), Some(axis)) = (value.about, value.axis) else { continue };
                 let Some(body) = bodies.get_mut(about) else { continue };
                 match (value.unit, value.rate) {
-                    (Unit::MetrePerSecond, _) => body.velocities.push(Velocity { dim: first + dim, axis }),
+                    (Unit::MetrePerSecond, _) => body.velocities.push((first + dim, axis)),
                     (Unit::Metre, Some((rate, sign))) if agent.observation[rate].about == value.about => {
-                        body.places.push(Place { dim: first + dim, rate: first + rate, sign });
+                        body.places.push(Place { dim: first + dim, axis, rate: first + rate, sign });
                         if sign == 1.0 {
                             body.spot[axis as usize].get_or_insert(first + dim);
                         }
@@ -81,19 +75,14 @@ impl Bodies {
         self.agents.len()
     }
 
-    /// The dims that [`Dynamics::advance`](super::Dynamics::advance) moves for an agent.
-    pub fn dims(&self, agent: usize) -> impl Iterator<Item = usize> {
-        let places = self.places(agent).iter().map(|place| place.dim);
-        self.velocities(agent).iter().map(|velocity| velocity.dim).chain(places)
-    }
-
     /// The dims that stay as they are for an episode.
     pub fn constants(&self) -> &[usize] {
         &self.constants
     }
 
-    pub(super) fn velocities(&self, agent: usize) -> &[Velocity] {
-        &self.agents[agent].velocities
+    /// The dims that are velocities of an agent, and along which axis.
+    pub fn velocities(&self, agent: usize) -> impl Iterator<Item = (usize, Axis)> {
+        self.agents[agent].velocities.iter().copied()
     }
 
     pub(super) fn places(&self, agent: usize) -> &[Place] {

@@ -132,10 +132,9 @@ impl Pushes {
         let mut equations = Equations::of(1 + 2 * self.n_actions);
         for Step { before, actions, after } in steps {
             for (agent, &action) in actions.iter().enumerate() {
-                for velocity in bodies.velocities(agent) {
-                    let push = self.at(agent, action, velocity.axis as usize);
-                    let row = vec![(0, before[velocity.dim].into()), (push, 1.0)];
-                    equations.push(row, after[velocity.dim].into());
+                for (dim, axis) in bodies.velocities(agent) {
+                    let push = self.at(agent, action, axis as usize);
+                    equations.push(vec![(0, before[dim].into()), (push, 1.0)], after[dim].into());
                 }
             }
         }
@@ -172,9 +171,8 @@ fn touches(dynamics: &Dynamics, bodies: &Bodies, steps: &[Step], error: f64) -> 
             let mut free = before.clone();
             dynamics.advance(bodies, agent, dynamics.push(agent, actions[agent] as usize), before, &mut free);
             let mut extra = DVec2::ZERO;
-            for velocity in bodies.velocities(agent) {
-                extra[velocity.axis as usize] =
-                    f64::from(after[velocity.dim]) - f64::from(free[velocity.dim]);
+            for (dim, axis) in bodies.velocities(agent) {
+                extra[axis as usize] = f64::from(after[dim]) - f64::from(free[dim]);
             }
             (extra.length() > certain).then_some((agent, extra))
         });

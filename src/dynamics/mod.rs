@@ -12,7 +12,7 @@ pub use fit::{Fitted, fit};
 
 use serde::{Deserialize, Serialize};
 
-use crate::environment::Spec;
+use crate::environment::{Axis, Spec};
 
 /// The law by which all bodies of an environment move. With `v` a velocity along an axis, `x` a place whose rate of change
 /// is `v`, and `a` the action of the agent that they tell of, a step does
@@ -63,12 +63,20 @@ impl Dynamics {
         self.pushes[agent].get(action).copied().unwrap_or_default()
     }
 
+    /// What a push of `agent` in a step does to the dims that tell of it.
+    pub fn effects(&self, bodies: &Bodies, agent: usize) -> impl Iterator<Item = Effect> {
+        let of_velocities = bodies.velocities(agent).map(|(dim, axis)| (dim, axis, 1.0));
+        let places = bodies.places(agent).iter();
+        let of_places = places.map(|place| (place.dim, place.axis, f64::from(place.sign) * self.after));
+        of_velocities.chain(of_places).map(move |(dim, axis, gain)| Effect { dim, agent, axis, gain })
+    }
+
     /// Moves what a joint observation `before` says of `agent` on by a step in which it is pushed like this: writes those
     /// dims of `after`, both `[predicted]` or longer, and no other.
     pub fn advance(&self, bodies: &Bodies, agent: usize, push: [f64; 2], before: &[f32], after: &mut [f32]) {
         let contact = self.contact.map_or([0.0; 2], |contact| contact.push(bodies, agent, before));
-        for velocity in bodies.velocities(agent) {
-            let (dim, axis) = (velocity.dim, velocity.axis as usize);
+        for (dim, axis) in bodies.velocities(agent) {
+            let axis = axis as usize;
             after[dim] = (self.keep * f64::from(before[dim]) + push[axis] + contact[axis]) as f32;
         }
         for place in bodies.places(agent) {
@@ -76,6 +84,24 @@ impl Dynamics {
             let moved = f64::from(place.sign) * (self.before * old + self.after * new);
             after[place.dim] = (f64::from(before[place.dim]) + moved) as f32;
         }
+    }
+}
+
+/// What a push of an agent does to a dim of the joint observation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effect {
+    /// The dim.
+    pub dim: usize,
+    /// Whose push it is.
+    pub agent: usize,
+    axis: Axis,
+    gain: f64,
+}
+
+impl Effect {
+    /// What is added to the dim by a push, m/s along x and y.
+    pub fn of(self, push: [f64; 2]) -> f64 {
+        self.gain * push[self.axis as usize]
     }
 }
 

@@ -42,6 +42,11 @@ impl Inference {
         Inference { inputs: network.inputs, layers, id }
     }
 
+    /// How many values of each row it is given.
+    pub fn n_inputs(&self) -> usize {
+        self.inputs
+    }
+
     /// One step of `rows` episodes: `state` advances, and `out` `[rows, outputs]` becomes what the network makes of
     /// `inputs` `[rows, inputs]`. A network that sees an agent's action has the number of that in `acts` `[rows]`; others do
     /// not look at it.
@@ -157,6 +162,15 @@ impl NetworkState {
                 values.resize(rows * *size, 0.0);
             }
             *is_ahead = false;
+        }
+    }
+
+    /// Remembers in the row `to` what it does in the row `from`.
+    pub fn copy_row(&mut self, from: usize, to: usize) {
+        for CellState { hidden, second, sizes, .. } in &mut self.0 {
+            for (values, size) in [hidden, second].into_iter().zip(*sizes) {
+                values.copy_within(from * size..(from + 1) * size, to * size);
+            }
         }
     }
 

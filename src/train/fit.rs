@@ -1,5 +1,8 @@
 //! Teaching a predictor for a policy that does not change.
 
+use std::path::Path;
+use std::time::{Duration, Instant};
+
 use serde::{Deserialize, Serialize};
 
 use super::checkpoint::available_actions;
@@ -8,7 +11,7 @@ use super::predictor::LearningPredictor;
 use super::settings::{Backend, Loss, Objective, PredictorSettings};
 use super::{Batch, PredictorLosses, Rollout};
 use crate::agent::{AgentSettings, PolicySource};
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{About, Task, Value};
 use crate::failed;
@@ -70,6 +73,9 @@ impl Default for FitSettings {
     }
 }
 
+/// The longest time between copies of an unfinished fit.
+const BETWEEN_SAVES: Duration = Duration::from_secs(30);
+
 /// A predictor on its way, and the episodes that it learns from.
 #[derive(Debug)]
 pub struct Fit {
@@ -84,24 +90,41 @@ pub struct Fit {
 }
 
 /// Teaches `policy` a predictor, in this process: the policy with it, untouched otherwise. `progress` hears of every
-/// update.
+/// update. A fit that ends early is kept in the file `unfinished`, and one that is there already goes on.
 ///
 /// # Errors
-/// `Usage` if there cannot be such a predictor; `Failed` if its weights are no longer numbers; `Interrupted` if the
-/// program was asked to stop, or what `progress` fails with.
+/// `Usage` if there cannot be such a predictor, or another fit is kept in the file; `Failed` if its weights are no longer
+/// numbers; `Interrupted` if the program was asked to stop, or what `progress` fails with.
 pub fn fit_predictor(
     policy: &Policy,
     task: &Task,
     spec: &PredictorSpec,
     settings: &FitSettings,
+    unfinished: &Path,
     mut progress: impl FnMut(u64, &PredictorLosses) -> Result<()>,
 ) -> Result<Policy> {
     let mut fit = Fit::new(policy, task, spec, settings)?;
+    if unfinished.exists() {
+        fit = fit.resume(unfinished)?;
+    }
     let mut agents = InProcess::new(&fit.agents(), &fit.policy()?)?;
+    let mut kept = Instant::now();
     while fit.updates < settings.updates {
-        if let Some(losses) = fit.update(&mut agents)? {
-            progress(fit.updates, &losses)?;
+        let losses = fit.update(&mut agents);
+        let told = losses.and_then(|losses| losses.map_or(Ok(()), |losses| progress(fit.updates, &losses)));
+        if let Err(error) = told {
+            if matches!(error, Error::Interrupted(_)) {
+                fit.save(unfinished)?;
+            }
+            return Err(error);
         }
+        if kept.elapsed() >= BETWEEN_SAVES {
+            fit.save(unfinished)?;
+            kept = Instant::now();
+        }
+    }
+    if unfinished.exists() {
+        std::fs::remove_file(unfinished).map_err(|error| Error::io("remove", unfinished, error))?;
     }
     fit.policy()
 }

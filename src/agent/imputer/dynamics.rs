@@ -1,34 +1,40 @@
 //! An agent knows what it did: its own state follows from that, wherever it is observed.
 
-use super::motion::{Motion, remaining};
+use super::motion::{Motion, fitted};
 use super::{Imputer, Setup, Step};
 use crate::agent::Inbox;
 use crate::base::error::Result;
+use crate::dynamics::Dynamics;
 
-/// What tells of the agent itself is moved on by the dynamics that the policy file holds, with the action that was carried
-/// out, also where only a teammate observes it. Landmarks stay where they are. Everything else is what the policy's best
-/// predictor says, or held if it has none. Contacts follow from where it believes the others to be.
+/// What tells of the agent itself is moved on by dynamics, with the action that was carried out, also where only a teammate
+/// observes it. Landmarks stay where they are. Another imputer says everything else. Contacts follow from where the agent
+/// believes the others to be.
 #[derive(Debug)]
 pub(super) struct OwnDynamics {
     others: Box<dyn Imputer>,
     motion: Motion,
-    agent: usize,
 }
 
 impl OwnDynamics {
-    /// With the dynamics and the preferred predictor of the policy.
+    /// With the dynamics of the policy.
     ///
     /// # Errors
     /// `Usage` if the policy has no dynamics, or not of this environment.
-    pub(super) fn new(setup: &Setup) -> Result<OwnDynamics> {
-        Ok(OwnDynamics { motion: Motion::new(setup)?, others: remaining(setup), agent: setup.agent })
+    pub(super) fn new(setup: &Setup, others: Box<dyn Imputer>) -> Result<OwnDynamics> {
+        let motion = Motion::new(setup, fitted(setup)?, vec![setup.agent], 1)?;
+        Ok(OwnDynamics { others, motion })
     }
 
-    fn advance(&mut self, step: &Step) {
-        for (world, &action) in step.actions.iter().enumerate() {
-            let push = self.motion.dynamics.push(self.agent, action as usize);
-            self.motion.advance(world, step.estimates, std::iter::once((self.agent, push)));
-        }
+    /// The mean of a Kalman filter whose model is a constant velocity, with the own action as the control input. Places
+    /// and velocities are observed together and without noise, so its gain is one, whatever the noise of the process:
+    /// what was observed holds, and everything else moves on from there.
+    ///
+    /// # Errors
+    /// `Usage` if the policy has no dynamics, or not of this environment.
+    pub(super) fn constant_velocity(setup: &Setup, others: Box<dyn Imputer>) -> Result<OwnDynamics> {
+        let model = Dynamics { keep: 1.0, contact: None, ..fitted(setup)? };
+        let everybody = (0..setup.spec.n_agents()).collect();
+        Ok(OwnDynamics { others, motion: Motion::new(setup, model, everybody, 1)? })
     }
 }
 
@@ -40,27 +46,32 @@ impl Imputer for OwnDynamics {
 
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         self.others.fuse(world, own, inbox, estimate);
-        self.motion.correct(world, std::iter::once(self.agent), inbox, estimate);
+        self.motion.correct(world, inbox, estimate, &[1.0], |_, _| [0.0; 2]);
     }
 
     fn predict(&mut self, step: &Step) {
         self.others.predict(step);
         self.motion.keep(step.estimates);
-        self.advance(step);
+        self.motion.advance(step.actions);
     }
 
     fn revise(&mut self, step: &Step) {
         self.others.revise(step);
-        self.advance(step);
+        self.motion.advance(step.actions);
     }
 
     fn renew(&mut self, weights: &[f32]) {
         self.others.renew(weights);
     }
+
+    fn multiply_adds(&self) -> usize {
+        self.others.multiply_adds()
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::hold::Hold;
     use super::*;
     use crate::agent::PolicySource;
     use crate::environment::Task;
@@ -70,9 +81,8 @@ mod tests {
     fn believes(done: &[u32], mistaken: &[u32]) -> [f32; 2] {
         let task = Task::parse("spread-xy-2").unwrap();
         let policy = PolicySource::Builtin.load(task.spec()).unwrap();
-        let setup =
-            Setup { spec: task.spec(), policy: &policy, agent: 0, worlds: 1, longest_delay: 0, seed: 0 };
-        let mut imputer = OwnDynamics::new(&setup).unwrap();
+        let setup = Setup::of(task.spec(), &policy, 0);
+        let mut imputer = OwnDynamics::new(&setup, Box::new(Hold::new(&setup))).unwrap();
         imputer.begin_episodes(1);
         // Far from its teammate, so that they do not touch.
         let own = [0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];

@@ -5,8 +5,10 @@
 mod carried;
 mod dynamics;
 mod hold;
+mod imagined;
 mod layout;
 mod motion;
+mod particles;
 mod past;
 mod predictor;
 mod registry;
@@ -49,6 +51,11 @@ pub trait Imputer: std::fmt::Debug + Send {
 
     /// Takes new weights: of all those of the policy, in the order of its tensors, a copy of its own.
     fn renew(&mut self, _weights: &[f32]) {}
+
+    /// How many multiply-adds its networks take in a step of one world.
+    fn multiply_adds(&self) -> usize {
+        0
+    }
 }
 
 /// What an imputer is made for.
@@ -66,6 +73,16 @@ pub struct Setup<'a> {
     pub longest_delay: u8,
     /// The seed of all draws, which are addressed by the episode and step of a [`Step`].
     pub seed: u64,
+    /// Whether the team takes the most probable actions instead of sampling.
+    pub greedy: bool,
+}
+
+#[cfg(test)]
+impl<'a> Setup<'a> {
+    /// One world, links that postpone nothing, sampled actions.
+    fn of(spec: &'a Spec, policy: &'a Policy, agent: usize) -> Setup<'a> {
+        Setup { spec, policy, agent, worlds: 1, longest_delay: 0, seed: 0, greedy: false }
+    }
 }
 
 /// What an agent made of a step, in each world.

@@ -1,23 +1,29 @@
-//! What imputers that know the dynamics share: who is moved on, and what of it counts.
+//! Beliefs about where everybody is: moved on by dynamics, put right by what is observed.
 
-use super::hold::Hold;
 use super::past::Past;
-use super::predictor::Prediction;
-use super::registry::best_predictor;
-use super::{Imputer, JointLayout, Setup};
+use super::{JointLayout, Setup};
 use crate::agent::{Inbox, Received};
 use crate::base::error::Result;
-use crate::dynamics::{Bodies, Dynamics};
+use crate::dynamics::{Bodies, Dynamics, Effect};
 use crate::usage;
 
-/// What the dynamics in the policy file expect of agents, in each world.
+/// What an agent believes of those whom the dynamics move, and of landmarks, which stay where they are. It may have several
+/// beliefs side by side about each world; its estimate is their weighted mean.
 #[derive(Debug)]
 pub(super) struct Motion {
-    pub dynamics: Dynamics,
+    dynamics: Dynamics,
     bodies: Bodies,
     layout: JointLayout,
     agent: usize,
-    /// `[worlds, predicted]`. Dims that nobody has moved mean nothing.
+    /// Who is moved.
+    moved: Vec<usize>,
+    /// Every dim that is not left to others, and what of it is only known when a step is over.
+    dims: Vec<(usize, Option<Effect>)>,
+    /// About each world.
+    n_beliefs: usize,
+    /// `[worlds, n_beliefs, joint]`.
+    beliefs: Vec<f32>,
+    /// What follows from them, `[worlds, n_beliefs, predicted]`. Dims that are not moved mean nothing.
     expected: Vec<f32>,
     past: Past,
     /// Whether a step has been made in this episode, so that something is expected.
@@ -25,32 +31,42 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// By the dynamics of the policy.
+    /// By dynamics that move these agents.
     ///
     /// # Errors
-    /// `Usage` if it has none, or not of this environment.
-    pub(super) fn new(setup: &Setup) -> Result<Motion> {
-        let dynamics = setup.policy.dynamics().filter(|dynamics| dynamics.fits(setup.spec));
-        let dynamics = dynamics.ok_or_else(|| {
-            usage!(
-                "this policy holds no dynamics of {}; `vamaro-swarm fit POLICY --out FILE` fits them and writes a \
-                 policy file that does",
-                setup.spec.id
-            )
-        })?;
-        let layout = JointLayout::of(setup.spec);
+    /// `Usage` if nobody's velocity is observed.
+    pub(super) fn new(
+        setup: &Setup,
+        dynamics: Dynamics,
+        moved: Vec<usize>,
+        n_beliefs: usize,
+    ) -> Result<Motion> {
+        let (layout, bodies) = (JointLayout::of(setup.spec), Bodies::of(setup.spec)?);
+        let of_agent = |agent: &usize| {
+            let own = *agent == setup.agent;
+            let effects = dynamics.effects(&bodies, *agent);
+            effects.map(move |effect| (effect.dim, Some(effect).filter(|_| !own))).collect::<Vec<_>>()
+        };
+        let dims = moved.iter().flat_map(of_agent);
+        let dims = dims.chain(bodies.constants().iter().map(|dim| (*dim, None)));
+        let is_observed_by_itself = |dim: usize| dim / layout.unique == setup.agent;
+        let rows = setup.worlds * n_beliefs;
         Ok(Motion {
-            dynamics: dynamics.clone(),
-            bodies: Bodies::of(setup.spec)?,
+            dims: dims.filter(|(dim, _)| !is_observed_by_itself(*dim)).collect(),
+            dynamics,
+            bodies,
             layout,
             agent: setup.agent,
-            expected: vec![0.0; setup.worlds * layout.predicted()],
+            moved,
+            n_beliefs,
+            beliefs: vec![0.0; rows * layout.joint()],
+            expected: vec![0.0; rows * layout.predicted()],
             past: Past::new(layout, setup.worlds, setup.longest_delay),
             expects: false,
         })
     }
 
-    /// Nothing is expected: an episode starts.
+    /// Nothing is believed: an episode starts.
     pub(super) fn begin_episodes(&mut self) {
         self.expects = false;
         self.past.begin_episode();
@@ -61,54 +77,106 @@ impl Motion {
         self.past.keep(estimates);
     }
 
-    /// Moves agents on by a step that begins as the joint estimate of this world says, each pushed as it says. Landmarks stay.
-    pub(super) fn advance(
-        &mut self,
-        world: usize,
-        estimates: &[f32],
-        pushed: impl Iterator<Item = (usize, [f64; 2])>,
-    ) {
-        let Motion { dynamics, bodies, layout, expected, expects, .. } = self;
-        let estimate = &estimates[world * layout.joint()..][..layout.joint()];
-        let expected = &mut expected[world * layout.predicted()..][..layout.predicted()];
-        pushed.for_each(|(agent, push)| dynamics.advance(bodies, agent, push, estimate, expected));
-        bodies.constants().iter().for_each(|&dim| expected[dim] = estimate[dim]);
-        *expects = true;
+    /// What is believed of so many worlds, `[worlds, n_beliefs, joint]`.
+    pub(super) fn beliefs(&self, worlds: usize) -> &[f32] {
+        &self.beliefs[..worlds * self.n_beliefs * self.layout.joint()]
     }
 
-    /// Writes what is expected of these agents, and of landmarks, into the estimate of a world, where nothing better is
-    /// known. What was observed at this step is true. What arrives late says how wrong the estimate of that step was.
+    /// Moves everybody on by a step in which the agent itself did this in each world, and the others nothing. What those
+    /// did counts when the outcome is [put right](Motion::correct).
+    pub(super) fn advance(&mut self, actions: &[u32]) {
+        let Motion { dynamics, bodies, layout, agent, moved, n_beliefs, beliefs, expected, .. } = self;
+        let rows = beliefs.chunks_exact(layout.joint()).zip(expected.chunks_exact_mut(layout.predicted()));
+        let actions = actions.iter().flat_map(|action| std::iter::repeat_n(*action, *n_beliefs));
+        for ((belief, expected), action) in rows.zip(actions) {
+            for &other in moved.iter() {
+                let push = if other == *agent { dynamics.push(other, action as usize) } else { [0.0; 2] };
+                dynamics.advance(bodies, other, push, belief, expected);
+            }
+            bodies.constants().iter().for_each(|&dim| expected[dim] = belief[dim]);
+        }
+        self.expects = true;
+    }
+
+    /// How much faster an agent is seen to move than a belief, by its row, expects of one that did nothing: along each axis
+    /// along which it is seen, m/s.
+    pub(super) fn seen_push(
+        &self,
+        row: usize,
+        agent: usize,
+        inbox: &Inbox,
+        estimate: &[f32],
+    ) -> [Option<f64>; 2] {
+        let mut seen = [None; 2];
+        if self.expects {
+            let expected = &self.expected[row * self.layout.predicted()..];
+            let is_seen = |sender: usize| sender == self.agent || inbox.age(sender) == 0;
+            for (dim, axis) in self.bodies.velocities(agent) {
+                if is_seen(dim / self.layout.unique) {
+                    seen[axis as usize] = Some(f64::from(estimate[dim]) - f64::from(expected[dim]));
+                }
+            }
+        }
+        seen
+    }
+
+    /// Believes in the place of the row `to` what it believes by the row `from`.
+    pub(super) fn copy(&mut self, from: usize, to: usize) {
+        let joint = self.layout.joint();
+        self.beliefs.copy_within(from * joint..(from + 1) * joint, to * joint);
+    }
+
+    /// Writes what is believed of those who are moved and of landmarks into the estimate of a world, where nothing better
+    /// is known. What was observed at this step is true. What arrives late says how wrong the estimate of that step was.
+    /// `pushes` says by row and agent what the others did in the step that is over, m/s; `shares` how much each belief
+    /// about this world counts.
     pub(super) fn correct(
         &mut self,
         world: usize,
-        agents: impl Iterator<Item = usize>,
         inbox: &Inbox,
         estimate: &mut [f32],
+        shares: &[f64],
+        pushes: impl Fn(usize, usize) -> [f64; 2],
     ) {
+        let (unique, joint, predicted) = (self.layout.unique, self.layout.joint(), self.layout.predicted());
+        let rows = world * self.n_beliefs..(world + 1) * self.n_beliefs;
+        let beliefs = &mut self.beliefs[rows.start * joint..rows.end * joint];
+        beliefs.chunks_exact_mut(joint).for_each(|belief| belief.copy_from_slice(estimate));
         if !self.expects {
             return;
         }
-        let Motion { bodies, layout, agent, expected, past, .. } = self;
-        let expected = &expected[world * layout.predicted()..][..layout.predicted()];
-        let moved = agents.flat_map(|agent| bodies.dims(agent)).chain(bodies.constants().iter().copied());
-        for dim in moved.filter(|dim| dim / layout.unique != *agent) {
-            let sender = dim / layout.unique;
-            match inbox.from(sender) {
-                None => estimate[dim] = expected[dim],
-                Some(Received { age: 0, .. }) => {}
+        for (dim, effect) in &self.dims {
+            let wrong = match inbox.from(dim / unique) {
+                None => Some(0.0),
+                Some(Received { age: 0, .. }) => None,
                 Some(Received { age, observation }) => {
-                    let wrong = past.put_right(world, dim, age, observation[dim % layout.unique]);
-                    estimate[dim] = wrong.map_or(estimate[dim], |wrong| expected[dim] + wrong);
+                    self.past.put_right(world, *dim, age, observation[dim % unique])
                 }
+            };
+            let Some(wrong) = wrong else { continue };
+            let mut sum = 0.0;
+            for ((belief, row), share) in beliefs.chunks_exact_mut(joint).zip(rows.clone()).zip(shares) {
+                let pushed = effect.map_or(0.0, |effect| effect.of(pushes(row, effect.agent)));
+                let expected = f64::from(self.expected[row * predicted + dim]);
+                belief[*dim] = (expected + pushed) as f32 + wrong;
+                sum += share * f64::from(belief[*dim]);
             }
+            estimate[*dim] = sum as f32;
         }
     }
 }
 
-/// For everything that is not moved: the policy's best predictor, or what was received last if it has none.
-pub(super) fn remaining(setup: &Setup) -> Box<dyn Imputer> {
-    match best_predictor(setup.policy).and_then(|name| Prediction::new(name, setup)) {
-        Some(prediction) => Box::new(prediction),
-        None => Box::new(Hold::new(setup)),
-    }
+/// The dynamics in the policy file.
+///
+/// # Errors
+/// `Usage` if it has none, or not of this environment.
+pub(super) fn fitted(setup: &Setup) -> Result<Dynamics> {
+    let dynamics = setup.policy.dynamics().filter(|dynamics| dynamics.fits(setup.spec));
+    dynamics.cloned().ok_or_else(|| {
+        usage!(
+            "this policy holds no dynamics of {}; `vamaro-swarm fit POLICY --out FILE` fits them and writes a policy \
+             file that does",
+            setup.spec.id
+        )
+    })
 }

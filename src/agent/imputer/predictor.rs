@@ -84,6 +84,10 @@ impl Imputer for Prediction {
     fn renew(&mut self, weights: &[f32]) {
         self.predictor.renew(&weights[self.weights.clone()]);
     }
+
+    fn multiply_adds(&self) -> usize {
+        self.weights.len()
+    }
 }
 
 impl Prediction {
@@ -122,7 +126,7 @@ mod tests {
         let spec = PredictorSpec { inputs: vec![Input::Estimate, Input::OwnAction], ..spec };
         let networks = Networks { predictors: vec![spec], ..Networks::paper(ActorKind::Mlp) };
         let policy = Policy::untrained(&dims(task.spec()), 3, networks).unwrap();
-        let setup = Setup { spec: task.spec(), policy: &policy, agent, worlds: 1, longest_delay: 0, seed: 0 };
+        let setup = Setup::of(task.spec(), &policy, agent);
         let mut imputer = Prediction::new("one", &setup).unwrap();
         imputer.begin_episodes(1);
         let (own, mut estimate) = (vec![0.5; 8], vec![0.0; task.spec().joint_dim()]);

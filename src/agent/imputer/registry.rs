@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::dynamics::OwnDynamics;
 use super::hold::Hold;
+use super::imagined::Guess;
 use super::predictor::Prediction;
 use super::teammates::Teammates;
 use super::velocity::Velocity;
@@ -21,6 +22,12 @@ const DEFAULT: &str = "dynamics";
 /// The predictor that is used if the policy has it but no dynamics, and nobody says otherwise.
 pub const PREFERRED: &str = "value-aware";
 
+/// What no evaluation plays unless it is asked for.
+const ASKED_FOR: [&str; 2] = ["particles", "shared-dice"];
+
+/// Beliefs about each world of the imputer `particles`.
+const PARTICLES: usize = 16;
+
 /// The imputers that a program knows by name, beside the predictors of a policy, which go by their own names.
 ///
 /// The supervisor tells agents a name, and each looks it up in its own program's registry. So a program with an
@@ -34,31 +41,50 @@ pub struct Registry {
 struct Entry {
     name: &'static str,
     description: &'static str,
-    make: Arc<Make>,
-    /// Whether a policy has what it needs.
-    applies: fn(&Policy) -> bool,
+    make: Make,
 }
 
-type Make = dyn Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync;
+#[derive(Clone)]
+enum Make {
+    /// It imputes everything.
+    Alone(Arc<MakeAlone>),
+    /// It moves what the dynamics in the policy file move, and leaves the rest to another.
+    WithDynamics(fn(&Setup, Box<dyn Imputer>) -> Result<Box<dyn Imputer>>),
+}
+
+type MakeAlone = dyn Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync;
 
 impl Default for Registry {
     /// The imputers of this library that go by names of their own.
     fn default() -> Registry {
         Registry { entries: Vec::new() }
-            .with_imputer(
+            .with_dynamics(
                 "dynamics",
                 "for itself what its own actions make of it by the dynamics in the policy file, for others what the \
                  policy's best predictor expects",
-                |setup| Ok(Box::new(OwnDynamics::new(setup)?)),
+                |setup, rest| Ok(Box::new(OwnDynamics::new(setup, rest)?)),
             )
-            .needing_dynamics()
             .with_imputer("hold", "what was received last", |setup| Ok(Box::new(Hold::new(setup))))
-            .with_imputer(
+            .with_dynamics(
+                "kalman",
+                "the mean of a Kalman filter: constant velocity, with the own action as its control input",
+                |setup, rest| Ok(Box::new(OwnDynamics::constant_velocity(setup, rest)?)),
+            )
+            .with_dynamics(
+                "particles",
+                "as teammates, the mean of 16 beliefs in which teammates act by chance as their actors would",
+                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Drawn(PARTICLES))?)),
+            )
+            .with_dynamics(
+                "shared-dice",
+                "as teammates, with the very draws by which teammates choose: common randomness, lossless",
+                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::SharedDice)?)),
+            )
+            .with_dynamics(
                 "teammates",
                 "as dynamics, and teammates as their actors in the policy file would act on what this agent believes",
-                |setup| Ok(Box::new(Teammates::new(setup)?)),
+                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Mean)?)),
             )
-            .needing_dynamics()
             .with_imputer(
                 "velocity",
                 "what was received last, with places moved on by their velocity",
@@ -78,22 +104,29 @@ impl Registry {
         make: impl Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync + 'static,
     ) -> Registry {
         self.entries.retain(|entry| entry.name != name);
-        self.entries.push(Entry { name, description, make: Arc::new(make), applies: |_| true });
+        self.entries.push(Entry { name, description, make: Make::Alone(Arc::new(make)) });
         self
     }
 
-    /// The last entry is only for policies that have dynamics.
-    fn needing_dynamics(mut self) -> Registry {
-        if let Some(entry) = self.entries.last_mut() {
-            entry.applies = |policy| policy.dynamics().is_some();
-        }
+    fn with_dynamics(
+        mut self,
+        name: &'static str,
+        description: &'static str,
+        make: fn(&Setup, Box<dyn Imputer>) -> Result<Box<dyn Imputer>>,
+    ) -> Registry {
+        self.entries.push(Entry { name, description, make: Make::WithDynamics(make) });
         self
     }
 
-    /// Everything that can impute with this policy: its predictors, then what is registered.
+    /// What an evaluation compares unless it is told what: the predictors of a policy, then what is registered and
+    /// needs nothing that the policy lacks. Dice that all share are no knowledge that agents have by themselves, and
+    /// many beliefs take their time: these have to be asked for.
     pub fn names<'a>(&'a self, policy: &'a Policy) -> impl Iterator<Item = &'a str> {
-        let entries = self.entries.iter().filter(|entry| (entry.applies)(policy));
-        policy.predictor_names().chain(entries.map(|entry| entry.name))
+        let needs = |entry: &&Entry| match entry.make {
+            Make::Alone(_) => true,
+            Make::WithDynamics(_) => policy.dynamics().is_some() && !ASKED_FOR.contains(&entry.name),
+        };
+        policy.predictor_names().chain(self.entries.iter().filter(needs).map(|entry| entry.name))
     }
 
     /// The imputers that need no predictor, with what each takes lost values for, for a help text.
@@ -102,27 +135,36 @@ impl Registry {
         entries.collect::<Vec<_>>().join(", ")
     }
 
-    /// The imputer called `name` with this policy. Without a name: `dynamics` if the policy has them, else its best
-    /// predictor, or `hold` if it has none.
+    /// The imputer called `name` with this policy; `dynamics(maro)` is one that leaves to `maro` what it does not move
+    /// itself. Without a name: `dynamics` if the policy has them, else its best predictor, or `hold` if it has none.
     ///
     /// # Errors
     /// `Usage` if there is none, with the names there are.
     pub fn choose(&self, name: Option<&str>, policy: &Policy) -> Result<String> {
         let Some(name) = name else {
-            if policy.dynamics().is_some() && self.entries.iter().any(|entry| entry.name == DEFAULT) {
+            if policy.dynamics().is_some() && self.entry(DEFAULT).is_some() {
                 return Ok(DEFAULT.to_owned());
             }
             return Ok(best_predictor(policy).unwrap_or("hold").to_owned());
         };
-        let all = policy.predictor_names().chain(self.entries.iter().map(|entry| entry.name));
-        match all.filter(|other| *other == name).count() {
-            1 => Ok(name.to_owned()),
-            0 => Err(self.unknown(name, policy)),
-            _ => Err(usage!(
-                "`{name}` is a predictor of this policy and an imputer of this program; register yours under \
-                 another name"
-            )),
+        let (outer, rest) = parts(name)?;
+        let entries = self.entries.iter().map(|entry| entry.name);
+        match policy.predictor_names().chain(entries).filter(|other| *other == outer).count() {
+            1 => {}
+            0 => return Err(self.unknown(outer, policy)),
+            _ => {
+                return Err(usage!(
+                    "`{outer}` is a predictor of this policy and an imputer of this program; register yours under \
+                     another name"
+                ));
+            }
         }
+        match (rest, self.entry(outer).map(|entry| &entry.make)) {
+            (Some(rest), Some(Make::WithDynamics(_))) => self.choose(Some(rest), policy).map(drop)?,
+            (Some(_), _) => return Err(usage!("`{name}`: the imputer `{outer}` leaves nothing to another")),
+            (None, _) => {}
+        }
+        Ok(name.to_owned())
     }
 
     /// Makes the imputer called `name`.
@@ -131,13 +173,22 @@ impl Registry {
     /// As [`Registry::choose`]; whatever the imputer itself cannot be made for.
     pub fn make(&self, name: &str, setup: &Setup) -> Result<Box<dyn Imputer>> {
         self.choose(Some(name), setup.policy)?;
-        match self.entries.iter().find(|entry| entry.name == name) {
-            Some(entry) => (entry.make)(setup),
+        let (outer, rest) = parts(name)?;
+        match self.entry(outer).map(|entry| &entry.make) {
+            Some(Make::Alone(make)) => make(setup),
+            Some(Make::WithDynamics(make)) => {
+                let rest = rest.or_else(|| best_predictor(setup.policy)).unwrap_or("hold");
+                make(setup, self.make(rest, setup)?)
+            }
             None => {
-                let prediction = Prediction::new(name, setup).expect("the policy has what is chosen");
+                let prediction = Prediction::new(outer, setup).expect("the policy has what is chosen");
                 Ok(Box::new(prediction))
             }
         }
+    }
+
+    fn entry(&self, name: &str) -> Option<&Entry> {
+        self.entries.iter().find(|entry| entry.name == name)
     }
 
     fn unknown(&self, name: &str, policy: &Policy) -> crate::base::error::Error {
@@ -154,8 +205,16 @@ impl Registry {
     }
 }
 
+/// The name of an imputer, and of the one that it leaves the rest to, in parentheses behind it.
+fn parts(name: &str) -> Result<(&str, Option<&str>)> {
+    let Some((outer, rest)) = name.split_once('(') else { return Ok((name, None)) };
+    let rest = rest.strip_suffix(')');
+    let rest = rest.ok_or_else(|| usage!("imputer `{name}`: a `)` is missing at the end"))?;
+    Ok((outer.trim(), Some(rest.trim())))
+}
+
 /// The predictor of a policy that is used where nobody says which.
-pub(super) fn best_predictor(policy: &Policy) -> Option<&str> {
+fn best_predictor(policy: &Policy) -> Option<&str> {
     let preferred = policy.predictor(PREFERRED).map(|_| PREFERRED);
     preferred.or_else(|| policy.predictor_names().next())
 }
@@ -186,16 +245,16 @@ mod tests {
 
     #[test]
     fn a_name_that_is_not_there_is_answered_with_those_that_are() {
-        let registry = Registry::default().with_imputer("kalman", "a filter's mean", |_| unreachable!());
-        let error = registry.choose(Some("calman"), &policy()).unwrap_err().to_string();
-        assert!(error.contains("nearest is `kalman`") && error.contains("value-aware, maro"), "{error}");
+        let registry = Registry::default().with_imputer("median", "a filter's mean", |_| unreachable!());
+        let error = registry.choose(Some("medean"), &policy()).unwrap_err().to_string();
+        assert!(error.contains("nearest is `median`") && error.contains("value-aware, maro"), "{error}");
         assert_eq!(registry.choose(None, &policy()).unwrap(), "dynamics");
         let networks = Networks::paper(ActorKind::Mlp);
         let untrained = Policy::untrained(policy().dims(), 0, networks).unwrap();
         assert_eq!(registry.choose(None, &untrained).unwrap(), "value-aware");
         assert!(!registry.names(&untrained).any(|name| name == "teammates"));
-        assert_eq!(registry.choose(Some("kalman"), &policy()).unwrap(), "kalman");
-        assert!(registry.help().contains("kalman (a filter's mean)"));
+        assert_eq!(registry.choose(Some("median"), &policy()).unwrap(), "median");
+        assert!(registry.help().contains("median (a filter's mean)"));
     }
 
     #[test]
@@ -203,6 +262,12 @@ mod tests {
         let registry = Registry::default().with_imputer("maro", "mine", |_| unreachable!());
         let error = registry.choose(Some("maro"), &policy()).unwrap_err().to_string();
         assert!(error.contains("register yours under another name"), "{error}");
+        let error = |name| Registry::default().choose(Some(name), &policy()).unwrap_err().to_string();
+        assert_eq!(Registry::default().choose(Some("kalman(maro)"), &policy()).unwrap(), "kalman(maro)");
+        assert!(error("dynamics(marro)").contains("nearest is `maro`"), "{}", error("dynamics(marro)"));
+        assert!(error("hold(maro)").contains("leaves nothing"), "{}", error("hold(maro)"));
+        assert!(error("maro(hold)").contains("leaves nothing"), "{}", error("maro(hold)"));
+        assert!(error("dynamics(maro").contains("`)` is missing"), "{}", error("dynamics(maro"));
         let twice = Registry::default().with_imputer("hold", "mine", |_| unreachable!());
         assert_eq!(twice.entries.len(), Registry::default().entries.len());
     }

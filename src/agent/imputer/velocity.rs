@@ -72,8 +72,7 @@ mod tests {
     fn places_move_on_with_the_velocity_and_the_rest_stays() {
         let task = Task::parse("speaker-listener").unwrap();
         let policy = PolicySource::Untrained(0).load(task.spec()).unwrap();
-        let setup =
-            Setup { spec: task.spec(), policy: &policy, agent: 0, worlds: 1, longest_delay: 0, seed: 0 };
+        let setup = Setup::of(task.spec(), &policy, 0);
         let mut imputer = Velocity::new(&setup);
         imputer.begin_episodes(1);
         let speaker = [0.15, 0.65, 0.15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];

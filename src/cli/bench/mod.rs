@@ -2,6 +2,7 @@
 
 mod agent;
 mod compare;
+mod imputers;
 mod latency;
 mod rate;
 mod spawn;
@@ -29,6 +30,8 @@ enum What {
     World(world::BenchWorld),
     /// One agent: a decision, beside reading its weights once and candle's forward pass
     Agent(agent::BenchAgent),
+    /// Imputers: what each takes before and after the action is out
+    Imputers(imputers::BenchImputers),
     /// Swarms: start-up, memory per agent, and how the time of a tick grows
     Spawn(spawn::BenchSpawn),
     /// Real time: the return of a team against its rate, and what is late
@@ -43,6 +46,7 @@ impl Bench {
             What::Latency(command) => command.run(),
             What::World(command) => command.run(),
             What::Agent(command) => command.run(),
+            What::Imputers(command) => command.run(),
             What::Spawn(command) => command.run(),
             What::Rate(command) => command.run(),
         }

@@ -1,5 +1,7 @@
 //! Predictors for policies that do not change.
 
+use std::path::Path;
+
 use super::*;
 use crate::agent::{dims, paper_actor};
 use crate::base::error::Error;
@@ -35,7 +37,9 @@ fn fitted(settings: &FitSettings) -> (Policy, Vec<f64>) {
         losses.push(found.loss);
         Ok(())
     };
-    let policy = fit_predictor(&policy(), &task(), &spec(), settings, note).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let unfinished = folder.path().join("unfinished");
+    let policy = fit_predictor(&policy(), &task(), &spec(), settings, &unfinished, note).unwrap();
     (policy, losses)
 }
 
@@ -81,7 +85,7 @@ fn a_fit_hears_what_its_agents_hear() {
         losses.push(found.loss);
         Ok(())
     };
-    fit_predictor(&policy(), &task(), &spec, &settings, note).unwrap();
+    fit_predictor(&policy(), &task(), &spec, &settings, Path::new("none"), note).unwrap();
     assert!(losses[39] < 0.5 * losses[0], "{losses:?}");
 
     let mut fit = Fit::new(&policy(), &task(), &spec, &settings).unwrap();
@@ -103,7 +107,8 @@ fn constants_are_found_and_held() {
     let policy = Policy::untrained(&dims(task.spec()), 3, networks).unwrap();
     let held = |hold_constants| {
         let settings = FitSettings { hold_constants, updates: 1, episodes: 3, ..FitSettings::default() };
-        let policy = fit_predictor(&policy, &task, &spec(), &settings, |_, _| Ok(())).unwrap();
+        let policy =
+            fit_predictor(&policy, &task, &spec(), &settings, Path::new("none"), |_, _| Ok(())).unwrap();
         policy.predictor("fitted").unwrap().spec().held.clone()
     };
     assert!(held(false).is_empty());
@@ -162,6 +167,18 @@ fn a_fit_that_is_resumed_comes_to_the_same_bits() {
     assert_eq!(fit.updates(), 3);
     go_on(&mut fit, 7);
     assert_eq!(bits(&fit.policy().unwrap()), bits(&expected));
+
+    // The same, by whoever interrupts it and calls again.
+    let interrupted = folder.path().join("interrupted");
+    let again = |until| {
+        let stop = |updates, _: &PredictorLosses| {
+            if updates == until { Err(Error::Interrupted("interrupted".to_owned())) } else { Ok(()) }
+        };
+        fit_predictor(&policy(), &task(), &spec(), &settings, &interrupted, stop)
+    };
+    assert!(matches!(again(2), Err(Error::Interrupted(_))) && interrupted.exists());
+    assert_eq!(bits(&again(0).unwrap()), bits(&expected));
+    assert!(!interrupted.exists());
 
     let other = FitSettings { updates: 8, ..settings.clone() };
     let error = fresh(&other).resume(&path).unwrap_err();
