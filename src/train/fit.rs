@@ -72,7 +72,7 @@ impl Default for FitSettings {
 
 /// A predictor on its way, and the episodes that it learns from.
 #[derive(Debug)]
-pub struct Fit {
+pub struct PredictorFit {
     pub(super) settings: FitSettings,
     pub(super) task: Task,
     pub(super) policy: Policy,
@@ -96,7 +96,7 @@ pub fn fit_predictor(
     settings: &FitSettings,
     mut progress: impl FnMut(u64, &PredictorLosses) -> Result<()>,
 ) -> Result<Policy> {
-    let mut fit = Fit::new(policy, task, spec, settings)?;
+    let mut fit = PredictorFit::new(policy, task, spec, settings)?;
     let mut agents = InProcess::new(&fit.agents(), &fit.policy()?)?;
     while fit.updates < settings.updates {
         if let Some(losses) = fit.update(&mut agents)? {
@@ -106,12 +106,17 @@ pub fn fit_predictor(
     fit.policy()
 }
 
-impl Fit {
+impl PredictorFit {
     /// Before the first update.
     ///
     /// # Errors
     /// `Usage` if there cannot be such a predictor; `Interrupted` if the program was asked to stop.
-    pub fn new(policy: &Policy, task: &Task, spec: &PredictorSpec, settings: &FitSettings) -> Result<Fit> {
+    pub fn new(
+        policy: &Policy,
+        task: &Task,
+        spec: &PredictorSpec,
+        settings: &FitSettings,
+    ) -> Result<PredictorFit> {
         let mut spec = spec.clone();
         if settings.hold_constants {
             spec.held.extend(constants(policy, task, settings)?);
@@ -135,7 +140,7 @@ impl Fit {
             let agents = task.spec().n_agents();
             batch.ages = vec![NOT_ARRIVED; (batch.steps + 1) * batch.episodes * agents * agents];
         }
-        Ok(Fit {
+        Ok(PredictorFit {
             rollout: rollout(task, settings, 0),
             batch,
             settings: settings.clone(),

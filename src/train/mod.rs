@@ -57,7 +57,7 @@ pub use checkpoint::{Checkpoint, Progress};
 pub use config::{AdvantageKind, Algorithm, Config, Preset, TrainMode, TrainP};
 pub use critic::{CriticLosses, LearningCritic};
 pub use ends::Ends;
-pub use fit::{Feed, Fit, FitSettings, fit_predictor};
+pub use fit::{Feed, FitSettings, PredictorFit, fit_predictor};
 pub use folder::RunFolder;
 pub use layer::Layer;
 pub use learner::{Busy, Learner, Losses};
