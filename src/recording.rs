@@ -167,7 +167,7 @@ impl Recording {
     }
 
     /// Whether the agents' side is recorded as well.
-    pub fn is_trace(&self) -> bool {
+    pub(crate) fn is_trace(&self) -> bool {
         self.episodes.iter().any(|episode| !episode.joint_estimate.is_empty())
     }
 
@@ -228,7 +228,7 @@ impl Episode {
     }
 
     /// Appends the state of its world.
-    pub fn push_state(&mut self, state: State) {
+    pub(crate) fn push_state(&mut self, state: State) {
         self.agent_pos.push(state.positions);
         self.agent_vel.push(state.velocities);
     }
