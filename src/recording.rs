@@ -19,14 +19,14 @@ use crate::link::LONGEST_DELAY;
 pub struct Recording {
     /// What all episodes share.
     #[serde(flatten)]
-    pub header: Header,
+    pub header: RecordingHeader,
     /// The episodes.
     pub episodes: Vec<Episode>,
 }
 
 /// What all episodes of a recording share.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Header {
+pub struct RecordingHeader {
     /// Id of the task.
     pub task: String,
     /// Size of the team.
@@ -167,13 +167,13 @@ impl Recording {
     }
 
     /// Whether the agents' side is recorded as well.
-    pub fn is_trace(&self) -> bool {
+    pub(crate) fn is_trace(&self) -> bool {
         self.episodes.iter().any(|episode| !episode.joint_estimate.is_empty())
     }
 
     /// Checks that every array has the length that the header and the actions promise.
     fn check(&self) -> std::result::Result<(), String> {
-        let Header { n_agents, n_landmarks, episode_steps, .. } = self.header;
+        let RecordingHeader { n_agents, n_landmarks, episode_steps, .. } = self.header;
         let is_trace = self.is_trace();
         for (number, episode) in self.episodes.iter().enumerate() {
             let steps = episode.actions.len();
@@ -228,7 +228,7 @@ impl Episode {
     }
 
     /// Appends the state of its world.
-    pub fn push_state(&mut self, state: State) {
+    pub(crate) fn push_state(&mut self, state: State) {
         self.agent_pos.push(state.positions);
         self.agent_vel.push(state.velocities);
     }
@@ -284,7 +284,7 @@ pub struct RecordingFile {
 
 impl RecordingFile {
     /// Starts a recording at `path`.
-    pub fn create(path: &Path, header: &Header) -> Result<RecordingFile> {
+    pub fn create(path: &Path, header: &RecordingHeader) -> Result<RecordingFile> {
         let mut recorder = RecordingFile { file: AtomicFile::create(path)?, episodes: 0 };
         let header = serde_json::to_string(header).expect("a header is plain data");
         let open = header.strip_suffix('}').expect("a struct is a JSON object");

@@ -9,6 +9,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::time::Duration;
 
+use common::acting::acting_in;
 use vamaro_swarm::agent::{Agent, AgentSettings, Member, PolicySource, Registry, Sensed, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{
@@ -102,20 +103,26 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
 /// Both sides of the bus in one thread, phase by phase, with all that agents do in a tick.
 #[test]
 fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode() {
-    for (task, imputer) in [
-        ("hear-see", "value-aware"),
-        ("spread-xy-4", "value-aware"),
-        ("spread-xy-4", "dynamics"),
-        ("spread-xy-4", "teammates"),
-        ("spread-xy-2", "particles"),
+    let folder = tempfile::tempdir().unwrap();
+    let acting = acting_in(folder.path(), Task::parse("spread-xy-4").unwrap().spec());
+    for (task, policy, imputer) in [
+        ("hear-see", &PolicySource::Builtin, "value-aware"),
+        ("spread-xy-4", &PolicySource::Builtin, "value-aware"),
+        ("spread-xy-4", &PolicySource::Builtin, "dynamics"),
+        ("spread-xy-4", &PolicySource::Builtin, "teammates"),
+        ("spread-xy-2", &PolicySource::Builtin, "particles"),
+        ("spread-xy-4", &acting, "acting"),
+        ("spread-xy-4", &acting, "seeing-all"),
     ] {
         let task = Task::parse(task).unwrap();
         let agents = task.spec().n_agents();
-        let imputer = imputer.to_owned();
-        let settings = AgentSettings { imputer, ..AgentSettings::of(task.spec()) };
+        let (policy, imputer) = (policy.clone(), imputer.to_owned());
+        let links = LinkSpec::parse("level(0.5) + delay(0, 2)", agents).unwrap().build();
+        let longest_delay = links.longest_delay();
+        let settings = AgentSettings { policy, imputer, longest_delay, ..AgentSettings::of(task.spec()) };
         let layout = settings.layout();
         let directory = SwarmDirectory::create().unwrap();
-        let address = SwarmAddress { agents, ..SwarmAddress::of(directory.tag()) };
+        let address = SwarmAddress { agents, longest_delay, ..SwarmAddress::of(directory.tag()) };
         let supervisor = SupervisorPort::create(&address, &layout).unwrap();
         let member = |index| {
             let agent = Agent::new(&settings, index).unwrap();
@@ -123,7 +130,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
             Member::new(agent, port, layout, address.id(), 0)
         };
         let mut members: Vec<_> = (0..agents).map(member).collect();
-        let mut stage = Stage::new(task.environment(1), Links::level(0.5), 1);
+        let mut stage = Stage::new(task.environment(1), links, 1);
         let mut decisions = Decisions { actions: vec![0; agents], ..Decisions::default() };
         for episode in 0..3 {
             stage.begin_episodes(u64::MAX).unwrap();
@@ -184,6 +191,8 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                             decisions.actions[sample.header().sender as usize] = decision.actions[0];
                             decided += 1;
                         }
+                        // What it does is not what it decided, as after a deadline that it missed.
+                        decisions.actions[0] = 0;
                     }),
                     allocations(|| members.iter_mut().for_each(Member::predict)),
                 ];
@@ -194,8 +203,9 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                 let step = tick.step;
                 assert!(
                     episode == 0 || counted == loans,
-                    "{}, step {step}: {PHASES}: {counted:?}",
-                    task.id()
+                    "{}, {}, step {step}: {PHASES}: {counted:?}",
+                    task.id(),
+                    settings.imputer
                 );
                 let stepped = allocations(|| stage.step_worlds(&decisions).unwrap());
                 assert!(episode == 0 || (drawn, stepped) == (0, 0), "{}, step {step}", task.id());

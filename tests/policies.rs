@@ -3,9 +3,14 @@
 // Helpers of tests are tests, which clippy does not see.
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
+use common::acting::{ACTING, acting};
+use common::{fail, succeed};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use vamaro_swarm::environment::Task;
 use vamaro_swarm::nn::{self, ActorKind, Dims, Meta, Policy, PolicyFile, Scratch, Sharing};
 
 fn data(name: &str) -> PathBuf {
@@ -80,6 +85,44 @@ fn what_was_imported_says_so() {
     assert_eq!((file.networks.actor, file.networks.sharing), (ActorKind::Gru, Sharing::Shared));
     assert_eq!((file.networks.hidden, file.networks.predictors[0].hidden), (4, 3));
     assert_eq!((&file.meta.task[..], file.meta.steps, &file.meta.origin[..]), ("toy", 1000, "a test"));
+}
+
+/// What a team of a policy file makes of twenty episodes, most of whose observations are lost.
+fn play(policy: &Path, imputer: &str) -> [Value; 3] {
+    let words = format!(
+        "spawn --task hear-see --policy {} --imputer {imputer} --p 0.3 --episodes 20 --in-process --json",
+        policy.display()
+    );
+    let summary: Value = serde_json::from_str(&succeed(&words)).unwrap();
+    ["return_mean", "return_ci95", "imputation_rmse"].map(|key| summary[key].clone())
+}
+
+#[test]
+fn a_policy_that_is_exported_is_the_same_but_for_rounding() {
+    let folder = tempfile::tempdir().unwrap();
+    let [full, half, rounded, again] =
+        ["full", "half", "rounded", "again"].map(|name| folder.path().join(name));
+    let policy = acting(Task::parse("hear-see").unwrap().spec());
+    policy.save(&full).unwrap();
+    succeed(&format!("export {} --out {}", full.display(), half.display()));
+    let exported = Policy::open(&half, policy.dims()).unwrap();
+    assert_eq!(exported.networks(), policy.networks());
+    let values =
+        |policy: &Policy| policy.tensors().flat_map(|(_, t)| t.values().to_vec()).collect::<Vec<_>>();
+    for (exported, value) in values(&exported).into_iter().zip(values(&policy)) {
+        // Eleven bits, and below the normal numbers of f16 steps of 2^-24.
+        assert!((exported - value).abs() <= value.abs() / 2048.0 + 2f32.powi(-25), "{value}: {exported}");
+    }
+    // Once rounded, it stays the same in either precision.
+    exported.save(&rounded).unwrap();
+    succeed(&format!("export {} --out {}", rounded.display(), again.display()));
+    assert_eq!(std::fs::read(&half).unwrap(), std::fs::read(&again).unwrap());
+    for imputer in ACTING {
+        assert_eq!(play(&half, imputer), play(&rounded, imputer), "{imputer}");
+    }
+    assert_ne!(play(&half, ACTING[0]), play(&half, ACTING[1]));
+    let import = format!("import {} --task hear-see", half.display());
+    fail(&import, 2, &["is a policy file already", "every command takes it as it is"]);
 }
 
 /// Runs the snippet in `docs/policy-file.md`, word for word, and compares what it prints.

@@ -189,6 +189,34 @@ fn training_that_diverges_stops_with_the_last_good_checkpoint() {
     fail(&format!("train --resume --in-process --out {}", out.display()), 1, &["diverged"]);
 }
 
+/// The checkpoint was written before episodes could end early and predictors could see actions:
+/// 500 steps, with a batch that updates share and episodes to replay. `went-on.csv` is what that program made of 500 more.
+#[test]
+fn a_checkpoint_of_an_older_program_goes_on_as_it_did_there() {
+    let folder = Folder::new();
+    let (old, run) = (common::data("checkpoints/before-early-ends"), folder.path("run"));
+    fs::create_dir(&run).unwrap();
+    for name in ["checkpoint.safetensors", "config.toml", "metrics.csv"] {
+        fs::copy(old.join(name), run.join(name)).unwrap();
+    }
+    let inspected = succeed(&format!("inspect {}", run.join("checkpoint.safetensors").display()));
+    assert!(inspected.contains("500 of 500 env steps, 20 episodes"), "{inspected}");
+    succeed(&format!("train --resume --in-process --steps 1000 --out {}", run.display()));
+    let read = |path: &Path| fs::read_to_string(path).unwrap();
+    let (metrics, expected) = (read(&run.join("metrics.csv")), read(&old.join("went-on.csv")));
+    assert!(metrics.starts_with(&read(&old.join("metrics.csv"))), "what was written stays");
+    let last = |text: &str| -> Vec<f64> {
+        text.lines().last().unwrap().split(',').map(|value| value.parse().unwrap_or(f64::NAN)).collect()
+    };
+    let (found, expected) = (last(&metrics), last(&expected));
+    assert_eq!(found[..3], [1000.0, 40.0, 19.0], "timestep, episodes, updates");
+    assert_eq!(found.len(), expected.len());
+    for (found, expected) in found.iter().zip(&expected).filter(|(_, expected)| !expected.is_nan()) {
+        // The last bits are those of the instruction set.
+        assert!((found - expected).abs() <= 1e-4 * (1.0 + expected.abs()), "{found} is not {expected}");
+    }
+}
+
 #[test]
 fn actions_that_nobody_has_are_refused() {
     let folder = Folder::new();

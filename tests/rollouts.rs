@@ -12,7 +12,7 @@ use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::Links;
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
-use vamaro_swarm::recording::{Episode, Header, Recording};
+use vamaro_swarm::recording::{Episode, Recording, RecordingHeader};
 use vamaro_swarm::supervisor::{
     Conduct, Decisions, InProcess, Processes, Recorder, Session, Stage, Team, Tick,
 };
@@ -224,7 +224,7 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
         let (task, settings) = (&case.task, case.settings(3));
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("trace.json");
-        let header = Header {
+        let header = RecordingHeader {
             task: task.id().to_owned(),
             n_agents: task.spec().n_agents(),
             n_landmarks: task.spec().landmarks,

@@ -151,7 +151,7 @@ impl Agent {
     }
 
     /// The number of weights of the policy it was made from.
-    pub fn policy_weights(&self) -> usize {
+    pub(crate) fn policy_weights(&self) -> usize {
         self.policy_weights
     }
 
@@ -164,7 +164,7 @@ impl Agent {
 
     /// Computes a step of nothing, so that what the networks need is in memory before the first episode begins, which
     /// forgets this.
-    pub fn warm_up(&mut self) {
+    pub(crate) fn warm_up(&mut self) {
         self.begin_episode(self.worlds);
         self.act(0, 0, self.worlds);
         self.predict();
@@ -221,7 +221,7 @@ impl Agent {
     ///
     /// # Errors
     /// `Failed` if it has no such action.
-    pub fn correct(&mut self, episode: u64, step: u32, carried_out: &[u32]) -> Result<()> {
+    pub(crate) fn correct(&mut self, episode: u64, step: u32, carried_out: &[u32]) -> Result<()> {
         let Some(moment) = self.moment.filter(|moment| *moment == (episode, step)) else { return Ok(()) };
         if self.actions == carried_out {
             return Ok(());

@@ -54,7 +54,7 @@ impl<P: AgentPort> Member<P> {
     }
 
     /// Tells the supervisor that the agent can be spoken to, and what the kernel has granted it.
-    pub fn report_ready(&mut self, granted: Granted) -> Result<()> {
+    pub(crate) fn report_ready(&mut self, granted: Granted) -> Result<()> {
         let header = Header { kind: Kind::Ready as u32, length: 1, sent_ns: now_ns(), ..self.identity };
         self.port.publish_decision(header, |words| words[0] = granted.bits())
     }
@@ -84,7 +84,7 @@ impl<P: AgentPort> Member<P> {
 
     /// When the observations of the tick have to be in, nanoseconds of the monotonic clock; `None` in lockstep, where
     /// all of them are waited for.
-    pub fn deadline_ns(&self) -> Option<u64> {
+    pub(crate) fn deadline_ns(&self) -> Option<u64> {
         let deadline_ns = self.sensor.as_ref().expect("the deadline follows sense").header().deadline_ns;
         (deadline_ns > 0).then_some(deadline_ns)
     }

@@ -9,18 +9,20 @@
 //! ```
 //!
 //! [`Agent`] is these three calls. [`Member`] ties an agent to its port on the bus, phase by phase, and
-//! [`process`] runs a member as a process of its own.
+//! `process` runs a member as a process of its own.
 
 mod choice;
 mod decision;
 pub mod imputer;
 mod inbox;
 mod member;
-pub mod process;
+pub(crate) mod process;
 mod source;
 
 pub use decision::{Agent, AgentSettings};
 pub use imputer::{Imputer, JointLayout, PREFERRED, Registry};
-pub use inbox::{Inbox, Mailbox, Received};
+pub(crate) use inbox::Mailbox;
+pub use inbox::{Inbox, Received};
 pub use member::{Member, Sensed};
-pub use source::{BUILTIN, PolicySource, dims, paper_actor};
+pub(crate) use source::BUILTIN;
+pub use source::{PolicySource, dims, paper_actor};

@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 pub const OVERRUN: Duration = Duration::from_millis(1);
 
 /// The quantiles that are said of a distribution, and their names.
-pub const QUANTILES: [(&str, f64); 4] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p999", 0.999)];
+pub(crate) const QUANTILES: [(&str, f64); 4] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p999", 0.999)];
 
 /// A distribution of times, to three digits.
 #[derive(Clone, Debug)]
@@ -61,7 +61,7 @@ impl Distribution {
     }
 
     /// Its quantiles and the longest; nulls if there is nothing.
-    pub fn times_json(&self) -> Map<String, Value> {
+    pub(crate) fn times_json(&self) -> Map<String, Value> {
         let quantiles = QUANTILES.map(|(name, quantile)| (format!("{name}_us"), self.quantile_us(quantile)));
         let times = quantiles.into_iter().chain([("max_us".to_owned(), self.quantile_us(1.0))]);
         // Nothing took no time.

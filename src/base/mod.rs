@@ -2,10 +2,10 @@
 
 pub mod distribution;
 pub mod error;
-pub mod file;
-pub mod nearest;
+pub(crate) mod file;
+pub(crate) mod nearest;
 pub mod rng;
 pub mod scheduling;
-pub mod stats;
-pub mod table;
-pub mod threads;
+pub(crate) mod stats;
+pub(crate) mod table;
+pub(crate) mod threads;

@@ -51,7 +51,7 @@ impl Draws {
 
     /// The same for part `part` of several that draw for one purpose, such as links in a chain. Part 0 has the draws of
     /// [`Draws::new`].
-    pub fn of_part(part: u64, seed: u64, purpose: Purpose, episode: u64, step: u64) -> Draws {
+    pub(crate) fn of_part(part: u64, seed: u64, purpose: Purpose, episode: u64, step: u64) -> Draws {
         let mut key = [0u8; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
         key[8..16].copy_from_slice(&(purpose as u64).to_le_bytes());

@@ -28,7 +28,7 @@ impl Scheduling {
     /// Asks for it: core and policy are those of this thread, which keeps them, memory is that of the whole process.
     /// Threads and processes started later inherit core and policy, so a supervisor starts its agents first. It is
     /// process 0, and agent i is process i + 1.
-    pub fn apply(&self, process: usize) -> Granted {
+    pub(crate) fn apply(&self, process: usize) -> Granted {
         Granted {
             pinned: self.pin && pin(process).is_ok(),
             memory_locked: self.lock_memory && lock_memory().is_ok(),
@@ -137,7 +137,7 @@ impl fmt::Display for Grants {
 }
 
 /// The cores this thread may use, in their order; none if nobody can tell.
-pub fn allowed_cores() -> Vec<usize> {
+pub(crate) fn allowed_cores() -> Vec<usize> {
     let allowed = sched_getaffinity(None).unwrap_or_default();
     (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).collect()
 }

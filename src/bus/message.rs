@@ -177,7 +177,7 @@ impl Layout {
     }
 
     /// Writes a decision message from its parts, each `[worlds, ..]`, and its times.
-    pub fn write_decision(
+    pub(crate) fn write_decision(
         &self,
         words: &mut [u32],
         actions: &[u32],

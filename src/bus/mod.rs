@@ -21,15 +21,18 @@ mod services;
 mod shared;
 mod wait;
 
-pub use clock::{now_ns, wait_for_moment, wake_on_time};
-pub use directory::{Leftover, SwarmDirectory, check_writable, leftovers, shared_memory_free};
-pub use local::{LocalHub, LocalPort, LocalSample};
+pub(crate) use clock::{now_ns, wait_for_moment, wake_on_time};
+pub use directory::SwarmDirectory;
+pub(crate) use directory::{check_writable, leftovers, shared_memory_free};
+pub(crate) use local::LocalHub;
+pub use local::{LocalPort, LocalSample};
 pub use message::{Decision, DecisionTimes, Header, Kind, Layout, NOT_ARRIVED, PROTOCOL, Sensor};
-pub(crate) use services::{Role, bus_error, node, service_name};
-pub use services::{SwarmAddress, open_files_needed, shared_memory_needed};
+pub use services::SwarmAddress;
+pub(crate) use services::{Role, bus_error, node, open_files_needed, service_name, shared_memory_needed};
 pub(crate) use shared::wake_supervisor;
 pub use shared::{AgentSharedPort, SharedSample, SupervisorPort};
-pub use wait::{Wait, wait_until};
+pub use wait::Wait;
+pub(crate) use wait::wait_until;
 
 use crate::base::error::Result;
 

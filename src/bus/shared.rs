@@ -82,7 +82,7 @@ impl SupervisorPort {
     }
 
     /// Sends new weights to all agents, which must have received the last ones.
-    pub fn publish_weights(&self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+    pub(crate) fn publish_weights(&self, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
         let publisher = self.weights.as_ref();
         let publisher = publisher.ok_or_else(|| failed!("a swarm with a frozen policy takes no weights"))?;
         publish(publisher, header, write)

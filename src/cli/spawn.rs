@@ -17,7 +17,7 @@ use crate::bus::Wait;
 use crate::environment::Task;
 use crate::link::{self, CommunicationMatrix, LinkSpec, complement};
 use crate::nn::{Policy, PolicyFile};
-use crate::recording::Header;
+use crate::recording::RecordingHeader;
 use crate::supervisor::{
     Audit, Conduct, InProcess, Ledger, Observer, Processes, Recorder, Session, Statistics, Team, signals,
 };
@@ -319,7 +319,7 @@ impl Spawn {
         policy: &Policy,
     ) -> Result<Recorder> {
         let spec = &settings.spec;
-        let header = Header {
+        let header = RecordingHeader {
             task: spec.id.clone(),
             n_agents: spec.n_agents(),
             n_landmarks: spec.landmarks,

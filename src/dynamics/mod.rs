@@ -7,8 +7,8 @@ mod bodies;
 mod fit;
 mod least;
 
-pub use bodies::Bodies;
-pub use fit::{Fitted, fit};
+pub(crate) use bodies::Bodies;
+pub(crate) use fit::{Fitted, fit};
 
 use serde::{Deserialize, Serialize};
 
@@ -51,7 +51,7 @@ pub struct Contact {
 
 impl Dynamics {
     /// Whether these are the dynamics of such an environment, as far as sizes tell.
-    pub fn fits(&self, spec: &Spec) -> bool {
+    pub(crate) fn fits(&self, spec: &Spec) -> bool {
         let sizes = self.pushes.iter().zip(&spec.agents);
         self.pushes.len() == spec.n_agents()
             && sizes.enumerate().all(|(agent, (pushes, _))| pushes.len() == spec.available_actions(agent))
@@ -59,7 +59,7 @@ impl Dynamics {
     }
 
     /// What an action adds to the velocity of `agent`, m/s along x and y; nothing if it has no such action.
-    pub fn push(&self, agent: usize, action: usize) -> [f64; 2] {
+    pub(crate) fn push(&self, agent: usize, action: usize) -> [f64; 2] {
         self.pushes[agent].get(action).copied().unwrap_or_default()
     }
 
@@ -73,7 +73,14 @@ impl Dynamics {
 
     /// Moves what a joint observation `before` says of `agent` on by a step in which it is pushed like this: writes those
     /// dims of `after`, both `[predicted]` or longer, and no other.
-    pub fn advance(&self, bodies: &Bodies, agent: usize, push: [f64; 2], before: &[f32], after: &mut [f32]) {
+    pub(crate) fn advance(
+        &self,
+        bodies: &Bodies,
+        agent: usize,
+        push: [f64; 2],
+        before: &[f32],
+        after: &mut [f32],
+    ) {
         let contact = self.contact.map_or([0.0; 2], |contact| contact.push(bodies, agent, before));
         for (dim, axis) in bodies.velocities(agent) {
             let axis = axis as usize;

@@ -253,7 +253,7 @@ impl ActionSpace {
 
 impl Unit {
     /// All of them.
-    pub const ALL: [Unit; 3] = [Unit::Metre, Unit::MetrePerSecond, Unit::One];
+    pub(crate) const ALL: [Unit; 3] = [Unit::Metre, Unit::MetrePerSecond, Unit::One];
 
     /// Its symbol.
     pub fn symbol(self) -> &'static str {
@@ -267,7 +267,7 @@ impl Unit {
 
 impl Axis {
     /// Both, in the order of coordinates.
-    pub const BOTH: [Axis; 2] = [Axis::X, Axis::Y];
+    pub(crate) const BOTH: [Axis; 2] = [Axis::X, Axis::Y];
 }
 
 impl Value {

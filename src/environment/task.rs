@@ -57,12 +57,12 @@ impl Task {
     ///
     /// # Errors
     /// [`Usage`](crate::base::error::Error::Usage) if there is none, with the team sizes that have one.
-    pub fn by_team_size(n: usize) -> Result<Task> {
+    pub(crate) fn by_team_size(n: usize) -> Result<Task> {
         Task::parse(registry::default_for(n)?)
     }
 
     /// What tasks for teams of other sizes are called, such as `spread-xy-N (N even, from 2 to 64)`.
-    pub fn other_sizes() -> String {
+    pub(crate) fn other_sizes() -> String {
         registry::other_sizes()
     }
 

@@ -51,7 +51,7 @@ pub struct Actions<'a> {
 
 impl<'a> Actions<'a> {
     /// Those of a single world, `[agents, width]`.
-    pub fn of_one_world(words: &'a [u32], width: usize) -> Actions<'a> {
+    pub(crate) fn of_one_world(words: &'a [u32], width: usize) -> Actions<'a> {
         Actions { words, worlds: 1, world: 0, width }
     }
 

@@ -29,7 +29,7 @@ pub struct Record {
 
 /// The first line.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct Header {
+struct FirstLine {
     format: String,
     version: u32,
     /// Version of the program: others may compute other last bits.
@@ -57,9 +57,9 @@ struct Line {
     outcome: Outcome,
 }
 
-impl Header {
-    fn of(settings: &Settings) -> Header {
-        Header {
+impl FirstLine {
+    fn of(settings: &Settings) -> FirstLine {
+        FirstLine {
             format: "vamaro-swarm cells".to_owned(),
             // Version 1 told policies apart by how their networks were spelt in memory.
             version: 2,
@@ -103,7 +103,7 @@ impl Record {
         let whole = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
         let mut record = Record { file, path, cells: HashMap::new() };
         let torn_header =
-            || serde_json::to_vec(&Header::of(settings)).is_ok_and(|all| all.starts_with(&text));
+            || serde_json::to_vec(&FirstLine::of(settings)).is_ok_and(|all| all.starts_with(&text));
         if whole == 0 && !torn_header() {
             return Err(record.foreign());
         }
@@ -111,7 +111,7 @@ impl Record {
         record.file.set_len(whole as u64).map_err(|e| Error::io("write", &record.path, e))?;
         record.file.seek(SeekFrom::End(0)).map_err(|e| Error::io("write", &record.path, e))?;
         if whole == 0 {
-            record.append(&Header::of(settings))?;
+            record.append(&FirstLine::of(settings))?;
         }
         Ok(record)
     }
@@ -120,8 +120,8 @@ impl Record {
         let mut lines = text.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
         let Some(first) = lines.next() else { return Ok(()) };
         let (path, elsewhere) = (self.path.display(), ELSEWHERE);
-        let header: Header = serde_json::from_slice(first).map_err(|_| self.foreign())?;
-        let expected = Header::of(settings);
+        let header: FirstLine = serde_json::from_slice(first).map_err(|_| self.foreign())?;
+        let expected = FirstLine::of(settings);
         if header.format != expected.format {
             return Err(self.foreign());
         }
@@ -251,7 +251,7 @@ mod tests {
                 "nothing is lost"
             );
         };
-        let header = |settings: &Settings| serde_json::to_string(&Header::of(settings)).unwrap() + "\n";
+        let header = |settings: &Settings| serde_json::to_string(&FirstLine::of(settings)).unwrap() + "\n";
         refused(&header(&settings(3)), "3 episodes");
         refused(&header(&settings(2)).replace(env!("CARGO_PKG_VERSION"), "0.0.9"), "version 0.0.9");
         refused(&header(&settings(2)).replace("\"version\":2", "\"version\":1"), "cells.jsonl (version 1)");

@@ -22,7 +22,7 @@ impl Fates {
     }
 
     /// Begins anew: everything is delivered at once.
-    pub fn deliver_all(&mut self) {
+    pub(crate) fn deliver_all(&mut self) {
         self.ticks.fill(0);
     }
 

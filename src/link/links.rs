@@ -65,7 +65,7 @@ impl Links {
     }
 
     /// The one probability with which every link delivers in an episode, if there is one.
-    pub fn level_of(&self, seed: u64, episode: u64) -> Option<f64> {
+    pub(crate) fn level_of(&self, seed: u64, episode: u64) -> Option<f64> {
         let positions = self.chain.iter().zip(0..);
         let levels =
             positions.map(|(link, position)| link.level(&Address { seed, position, episode, step: 0 }));

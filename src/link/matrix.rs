@@ -42,7 +42,7 @@ impl CommunicationMatrix {
     }
 
     /// The rows, one per receiver.
-    pub fn to_rows(&self) -> Vec<Vec<f64>> {
+    pub(crate) fn to_rows(&self) -> Vec<Vec<f64>> {
         self.p.chunks_exact(self.agents).map(<[f64]>::to_vec).collect()
     }
 

@@ -4,7 +4,7 @@
 //! episode, the step, the receiver and the sender, so fates can be reproduced from the seed alone. The supervisor asks
 //! it, and tells each agent only what arrives at that agent.
 //!
-//! Each model has one file and one line in the [registry](MODELS), from which [`LinkSpec`] reads
+//! Each model has one file and one line in the registry, from which [`LinkSpec`] reads
 //! `gilbert(0.1, 0.3) + level(0.9)`. Links of your own need no such line: [`Links::chain`] takes any.
 
 mod asymmetric;
@@ -20,14 +20,16 @@ mod uniform;
 
 use glam::DVec2;
 
-pub use asymmetric::{Asymmetric, DYNAMIC_PERIOD};
+pub use asymmetric::Asymmetric;
 pub use delay::Delay;
 pub use fates::Fates;
 pub use gilbert::Gilbert;
-pub use level::{Level, complement};
+pub use level::Level;
+pub(crate) use level::complement;
 pub use links::{LONGEST_DELAY, Links};
 pub use matrix::{CommunicationMatrix, Matrix};
-pub use registry::{Argument, Domain, MODELS, Model, Parameter, help};
+pub(crate) use registry::help;
+use registry::{Domain, Model, Parameter};
 pub use spec::LinkSpec;
 pub use uniform::Uniform;
 
@@ -78,7 +80,7 @@ impl Address {
     }
 
     /// The address of another step of the episode.
-    pub fn at_step(self, step: u64) -> Address {
+    pub(crate) fn at_step(self, step: u64) -> Address {
         Address { step, ..self }
     }
 }

@@ -69,18 +69,18 @@ impl LinkSpec {
     }
 
     /// The p of links that are `level(p)` and nothing else.
-    pub fn p(&self) -> Option<f64> {
+    pub(crate) fn p(&self) -> Option<f64> {
         self.alone("level").map(Argument::number)
     }
 
     /// The rows of links that are `matrix(FILE)` and nothing else.
-    pub fn matrix(&self) -> Option<&CommunicationMatrix> {
+    pub(crate) fn matrix(&self) -> Option<&CommunicationMatrix> {
         self.alone("matrix").map(|argument| &**argument.matrix())
     }
 
     /// What recordings call the links: only the name for a model whose p or matrix they hold beside it, else all of the
     /// text.
-    pub fn recorded_name(&self) -> String {
+    pub(crate) fn recorded_name(&self) -> String {
         match &self.parts[..] {
             [part] if self.p().is_some() || self.matrix().is_some() => part.model.name.to_owned(),
             _ => self.to_string(),
@@ -88,7 +88,7 @@ impl LinkSpec {
     }
 
     /// What the links do, for people.
-    pub fn about(&self) -> String {
+    pub(crate) fn about(&self) -> String {
         match &self.parts[..] {
             [part] if part.arguments.iter().all(|argument| matches!(argument, Argument::Matrix(_))) => {
                 part.model.about.to_owned()

@@ -30,7 +30,7 @@ pub struct PolicyFile {
     /// The dynamics of the environment, if they have been fitted.
     pub dynamics: Option<Dynamics>,
     /// Names, shapes and places of its tensors, by name.
-    pub tensors: Vec<FileTensor>,
+    pub(crate) tensors: Vec<FileTensor>,
     /// Where the values start, in bytes from the start of the file.
     pub(super) data: usize,
 }
@@ -67,7 +67,7 @@ impl PolicyFile {
     }
 
     /// The number of weights and biases.
-    pub fn n_parameters(&self) -> usize {
+    pub(crate) fn n_parameters(&self) -> usize {
         self.tensors.iter().map(FileTensor::n_values).sum()
     }
 

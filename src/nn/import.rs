@@ -9,6 +9,7 @@ use super::networks::{ActorKind, Networks, PredictorSpec, Sharing};
 use super::policy::Policy;
 use super::state_dict::StateDict;
 use crate::base::error::Result;
+use crate::failed;
 use std::path::{Path, PathBuf};
 
 /// The policy in the state dict of actors at `agents` and those of named `predictors`.
@@ -40,10 +41,31 @@ pub fn import(agents: &Path, predictors: &[(String, PathBuf)], dims: &Dims, meta
     for tensor in networks.tensors(dims) {
         let dict = dicts.iter_mut().find(|(prefix, _)| tensor.name.starts_with(prefix));
         let (_, dict) = dict.expect("every network was found in a state dict");
-        values.extend(dict.take(&key(&tensor.name), &tensor.shape)?);
+        let key = key(&tensor.name);
+        if key == PREDICTOR_INPUTS {
+            check_inputs(dict, dims)?;
+        }
+        values.extend(dict.take(&key, &tensor.shape)?);
     }
     dicts.iter().try_for_each(|(_, dict)| dict.finish())?;
     Policy::new(dims, Meta { task: dims.task.clone(), ..meta }, networks, &values)
+}
+
+/// What tells how many values a predictor sees.
+const PREDICTOR_INPUTS: &str = "linear_1.weight";
+
+/// An error if a predictor sees more than the joint estimate, of which a state dict does not say what it is.
+fn check_inputs(dict: &StateDict, dims: &Dims) -> Result<()> {
+    let (inputs, joint) = (dict.inputs(PREDICTOR_INPUTS)?, dims.joint);
+    if inputs <= joint {
+        return Ok(());
+    }
+    Err(failed!(
+        "{}: this predictor sees {inputs} values, but the joint estimate of {} has {joint}. A state dict does not say \
+         what the others are, such as `own-action`; only predictors that see the estimate alone can be imported",
+        dict.source(),
+        dims.task
+    ))
 }
 
 /// The name that the paper's code gives to our tensor `name`.

@@ -17,8 +17,8 @@ pub mod kernels;
 mod meta;
 mod network;
 mod networks;
-pub mod policy;
-pub mod predictor;
+mod policy;
+mod predictor;
 pub mod reference;
 mod state_dict;
 #[cfg(test)]
@@ -37,8 +37,8 @@ pub(crate) use networks::NAMED_OTHERWISE;
 pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, critic};
 pub use policy::Policy;
 pub use predictor::{Predictor, PredictorState};
-pub(crate) use weights::Line;
-pub use weights::{Aligned, Tensor};
+pub use weights::Tensor;
+pub(crate) use weights::{Aligned, Line};
 
 /// The sizes a policy must fit: those of a task.
 #[derive(Clone, Debug, PartialEq)]

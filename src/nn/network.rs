@@ -102,7 +102,7 @@ impl Layer {
     }
 
     /// The number of its tensors.
-    pub fn n_tensors(&self) -> usize {
+    pub(crate) fn n_tensors(&self) -> usize {
         match self {
             Layer::Skip { .. } => 1,
             Layer::Linear { .. } => 2,

@@ -261,7 +261,7 @@ impl PredictorSpec {
     }
 
     /// Whether it sees more than estimates and actions.
-    pub fn has_senses(&self) -> bool {
+    pub(crate) fn has_senses(&self) -> bool {
         self.inputs.iter().any(|input| ![Input::Estimate, Input::OwnAction].contains(input))
     }
 
@@ -308,7 +308,7 @@ pub fn critic(sharing: Sharing, agent: usize, inputs: usize, hidden: usize) -> N
 
 impl Sharing {
     /// The length of the id that a network sees behind its other inputs.
-    pub fn id_len(self, dims: &Dims) -> usize {
+    pub(crate) fn id_len(self, dims: &Dims) -> usize {
         match self {
             Sharing::Separate => 0,
             Sharing::Shared => dims.n_agents,

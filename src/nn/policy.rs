@@ -45,7 +45,7 @@ impl Policy {
     ///
     /// # Errors
     /// As [`Policy::open`], except that values that are not finite go unnoticed.
-    pub fn open_copy(path: &Path, dims: &Dims) -> Result<Policy> {
+    pub(crate) fn open_copy(path: &Path, dims: &Dims) -> Result<Policy> {
         let map = file::map(path)?;
         let source = path.display().to_string();
         let file = PolicyFile::parse(&map, &source)?;
@@ -61,7 +61,7 @@ impl Policy {
     ///
     /// # Errors
     /// As [`Policy::open`].
-    pub fn from_static(bytes: &'static [u8], dims: &Dims) -> Result<Policy> {
+    pub(crate) fn from_static(bytes: &'static [u8], dims: &Dims) -> Result<Policy> {
         let source = "the embedded policy";
         let file = PolicyFile::parse(bytes, source)?;
         if file.tensors.iter().any(|tensor| tensor.precision == Precision::Half) {
@@ -127,7 +127,7 @@ impl Policy {
     /// # Errors
     /// `Usage` if there cannot be such a predictor; `Failed` if there are too many values or too few, or one is not
     /// finite.
-    pub fn with_predictor(&self, spec: &PredictorSpec, values: &[f32]) -> Result<Policy> {
+    pub(crate) fn with_predictor(&self, spec: &PredictorSpec, values: &[f32]) -> Result<Policy> {
         let mut all = vec![0.0; self.n_values()];
         self.copy_values(&mut all);
         let mut networks = self.networks.clone();
@@ -152,7 +152,7 @@ impl Policy {
     }
 
     /// This policy with the dynamics of the environment that it is for.
-    pub fn with_dynamics(self, dynamics: Dynamics) -> Policy {
+    pub(crate) fn with_dynamics(self, dynamics: Dynamics) -> Policy {
         Policy { dynamics: Some(dynamics), ..self }
     }
 
@@ -184,7 +184,7 @@ impl Policy {
     }
 
     /// Whether its weights are in memory once for all processes that open it: mapped, or part of the program.
-    pub fn is_shared(&self) -> bool {
+    pub(crate) fn is_shared(&self) -> bool {
         self.tensors.iter().all(|(_, tensor)| tensor.storage.is_shared())
     }
 
@@ -245,12 +245,12 @@ impl Policy {
     }
 
     /// Where the actor of this agent is in the values of [`copy_values`](Policy::copy_values).
-    pub fn actor_range(&self, agent: usize) -> Range<usize> {
+    pub(crate) fn actor_range(&self, agent: usize) -> Range<usize> {
         self.range_of(&self.networks.actor(agent, &self.dims))
     }
 
     /// Where the predictor of this name is in the values of [`copy_values`](Policy::copy_values).
-    pub fn predictor_range(&self, name: &str) -> Option<Range<usize>> {
+    pub(crate) fn predictor_range(&self, name: &str) -> Option<Range<usize>> {
         self.predictor(name).map(|predictor| self.range_of(&predictor.spec.network(&self.dims)))
     }
 

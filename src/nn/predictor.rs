@@ -167,7 +167,7 @@ impl PredictorState {
     }
 
     /// Becomes what `other` is, a state of the same predictor. Allocates only for more rows than ever before.
-    pub fn copy_from(&mut self, other: &PredictorState) {
+    pub(crate) fn copy_from(&mut self, other: &PredictorState) {
         self.network.copy_from(&other.network);
         self.heard.clone_from(&other.heard);
         self.expected.clone_from(&other.expected);

@@ -5,6 +5,7 @@
 //! panic or recurse deeply; so it reads in a thread of its own with a large stack, and a panic there is an
 //! error here (its words go to stderr all the same). A pickle built to exhaust memory is not guarded against.
 
+use super::PolicyFile;
 use crate::base::error::{Error, Result};
 use crate::{failed, usage};
 use candle_core::pickle::PthTensors;
@@ -48,6 +49,17 @@ impl StateDict {
     pub(super) fn length(&self, key: &str) -> Result<usize> {
         let vector = self.tensors.get(key).ok_or_else(|| self.missing(key))?;
         Ok(vector.elem_count())
+    }
+
+    /// The number of inputs of the layer whose weights are `key`.
+    pub(super) fn inputs(&self, key: &str) -> Result<usize> {
+        let weights = self.tensors.get(key).ok_or_else(|| self.missing(key))?;
+        Ok(weights.dims().last().copied().unwrap_or(0))
+    }
+
+    /// What errors call the file.
+    pub(super) fn source(&self) -> &str {
+        &self.source
     }
 
     /// Takes the values of tensor `key`, transposed to `shape`.
@@ -98,8 +110,13 @@ fn check_archive(path: &Path, source: &str) -> Result<()> {
         return Err(usage!("{source} is not a file; expected a PyTorch state dict"));
     }
     let file = File::open(path).map_err(|error| Error::io("open", path, error))?;
-    let mut archive = ZipArchive::new(file).map_err(|error| {
-        failed!("{source} is no PyTorch state dict, or saved by a PyTorch before 1.6, or damaged: {error}")
+    let mut archive = ZipArchive::new(file).map_err(|error| match PolicyFile::read(path) {
+        Ok(_) => usage!("{source} is a policy file already; every command takes it as it is"),
+        Err(_) => {
+            failed!(
+                "{source} is no PyTorch state dict, or saved by a PyTorch before 1.6, or damaged: {error}"
+            )
+        }
     })?;
     let mut pickles = 0;
     for at in 0..archive.len() {

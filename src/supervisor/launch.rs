@@ -1,9 +1,8 @@
 //! Processes: started, watched, and always reaped.
 
-use std::io::{BufRead, BufReader, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::process::{Child, ChildStderr, ExitStatus, Stdio};
+use std::process::{Child, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -13,6 +12,7 @@ use rustix::process::{Signal, pidfd_send_signal};
 use serde::Serialize;
 
 use super::command::AgentCommand;
+use super::stderr::OwnStderr;
 use super::watcher::Watcher;
 use crate::base::error::{Error, Result};
 use crate::failed;
@@ -49,9 +49,10 @@ impl Children {
         let (mut child, pidfd) =
             self.watcher.start(command).map_err(|e| failed!("cannot start {name}: {e}"))?;
         let stderr = child.stderr.take().expect("stderr is piped");
+        let stderr = OwnStderr::new(stderr, pidfd.clone());
         let name = name.to_owned();
         let passed_on = name.clone();
-        let stderr = Some(std::thread::spawn(move || pass_on(&passed_on, stderr)));
+        let stderr = Some(std::thread::spawn(move || stderr.pass_on(&passed_on)));
         self.processes.push(ChildProcess { name, child, pidfd, stderr });
         Ok(())
     }
@@ -88,7 +89,7 @@ struct ChildProcess {
     name: String,
     child: Child,
     pidfd: Arc<OwnedFd>,
-    /// Passes stderr on; returns its last line.
+    /// Passes stderr on until the process has ended; returns its last line.
     stderr: Option<JoinHandle<Option<String>>>,
 }
 
@@ -139,14 +140,31 @@ impl Drop for ChildProcess {
     }
 }
 
-/// Copies a process's stderr to ours, line by line, with its name in front.
-fn pass_on(name: &str, stderr: ChildStderr) -> Option<String> {
-    let mut last = None;
-    for line in BufReader::new(stderr).split(b'\n').map_while(|line| line.ok()) {
-        let line = String::from_utf8_lossy(&line).into_owned();
-        // Where stderr cannot be written the line is still told when the process fails.
-        let _ = writeln!(std::io::stderr(), "[{name}] {line}");
-        last = Some(line);
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use super::*;
+
+    const LONG: Duration = Duration::from_secs(30);
+
+    #[test]
+    fn a_process_that_leaves_others_behind_goes_with_its_last_words() {
+        // They keep its stderr until the test lets go of the other end of their stdin.
+        let script = "exec 3<&0; cat <&3 & echo 'error: out of paper' >&2; exit 3";
+        let (stdin, held) = std::io::pipe().unwrap();
+        let ((tell, told), (done, error)) = (channel(), channel());
+        let command = AgentCommand::new("sh").word("-c").word(script);
+        let mut children = Children::new(command, move || tell.send(()).unwrap()).unwrap();
+        children.start("printer", "print", &0, [stdin.into(), Stdio::null()]).unwrap();
+        told.recv_timeout(LONG).unwrap();
+        std::thread::spawn(move || {
+            let error = children.check_alive().unwrap_err().to_string();
+            drop(children);
+            done.send(error).unwrap();
+        });
+        let error = error.recv_timeout(LONG).expect("nobody waits for the others");
+        drop(held);
+        assert!(error.contains("printer") && error.contains("exit code 3; it said: out of paper"), "{error}");
     }
-    last
 }

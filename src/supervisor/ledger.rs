@@ -23,7 +23,7 @@ type Told<'a> = Box<dyn FnMut(&Statistics) + 'a>;
 
 impl<'a> Ledger<'a> {
     /// A ledger that tells `told` what it has counted whenever episodes are over.
-    pub fn telling(told: impl FnMut(&Statistics) + 'a) -> Ledger<'a> {
+    pub(crate) fn telling(told: impl FnMut(&Statistics) + 'a) -> Ledger<'a> {
         Ledger { told: Some(Box::new(told)), ..Ledger::default() }
     }
 

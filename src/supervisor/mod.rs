@@ -20,6 +20,7 @@ mod session;
 pub mod signals;
 mod stage;
 mod statistics;
+mod stderr;
 mod watcher;
 
 pub use audit::Audit;

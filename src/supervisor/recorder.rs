@@ -8,7 +8,7 @@ use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{End, Spec};
 use crate::failed;
-use crate::recording::{Episode, Header, RecordingFile};
+use crate::recording::{Episode, RecordingFile, RecordingHeader};
 
 /// Writes down what the agents saw and thought, and what the worlds did.
 #[derive(Debug)]
@@ -20,7 +20,7 @@ pub struct Recorder {
 
 impl Recorder {
     /// Starts a trace at `path`.
-    pub fn create(path: &Path, header: &Header) -> Result<Recorder> {
+    pub fn create(path: &Path, header: &RecordingHeader) -> Result<Recorder> {
         Ok(Recorder { file: RecordingFile::create(path, header)?, playing: Vec::new() })
     }
 

@@ -258,12 +258,12 @@ impl Config {
     }
 
     /// Whether all observations are delivered while the policy trains.
-    pub fn everything_arrives(&self) -> bool {
+    pub(crate) fn everything_arrives(&self) -> bool {
         self.train_p == TrainP::Level(1.0)
     }
 
     /// What imputes while the policy trains: nothing has to where everything is delivered.
-    pub fn imputer(&self) -> String {
+    pub(crate) fn imputer(&self) -> String {
         match self.predictors.first() {
             Some(name) if !self.everything_arrives() => name.clone(),
             _ => "hold".to_owned(),
@@ -271,27 +271,27 @@ impl Config {
     }
 
     /// What is tested: every predictor, or, where none learns, holding what was received last.
-    pub fn tested_imputers(&self) -> Vec<String> {
+    pub(crate) fn tested_imputers(&self) -> Vec<String> {
         if self.predictors.is_empty() { vec!["hold".to_owned()] } else { self.predictors.clone() }
     }
 
     /// Whether predictors see what their agent does.
-    pub fn sees_own_actions(&self) -> bool {
+    pub(crate) fn sees_own_actions(&self) -> bool {
         self.networks().predictors.iter().any(PredictorSpec::sees_own_action)
     }
 
     /// Whether some predictor learns from remembered episodes.
-    pub fn replays(&self) -> bool {
+    pub(crate) fn replays(&self) -> bool {
         self.settings().predictors.iter().any(|predictor| predictor.objective == Objective::Maro)
     }
 
     /// As text, which [`Layer::parse`] reads.
-    pub fn to_toml(&self) -> String {
+    pub(crate) fn to_toml(&self) -> String {
         toml::to_string(self).expect("a configuration can be written as TOML")
     }
 
     /// Writes `config.toml`.
-    pub fn save(&self, path: &Path) -> Result<()> {
+    pub(crate) fn save(&self, path: &Path) -> Result<()> {
         let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
         let text =
             format!("# Every setting of this run of {program}; see docs/training.md.\n{}", self.to_toml());
@@ -299,7 +299,7 @@ impl Config {
     }
 
     /// The settings in which two configurations differ: key, value here, value there.
-    pub fn differences(&self, other: &Config) -> Vec<(String, Value, Value)> {
+    pub(crate) fn differences(&self, other: &Config) -> Vec<(String, Value, Value)> {
         let [here, there] = [self, other].map(|c| Table::try_from(c).expect("a configuration is a table"));
         let differing = here.into_iter().filter(|(key, value)| there[key] != *value);
         differing.map(|(key, value)| (key.clone(), value, there[&key].clone())).collect()

@@ -39,7 +39,7 @@ impl Ends {
     }
 
     /// The steps of all episodes.
-    pub fn steps_played(&self) -> usize {
+    pub(crate) fn steps_played(&self) -> usize {
         self.lengths.iter().sum()
     }
 

@@ -78,7 +78,7 @@ const BETWEEN_SAVES: Duration = Duration::from_secs(30);
 
 /// A predictor on its way, and the episodes that it learns from.
 #[derive(Debug)]
-pub struct Fit {
+pub struct PredictorFit {
     pub(super) settings: FitSettings,
     pub(super) task: Task,
     pub(super) policy: Policy,
@@ -103,7 +103,7 @@ pub fn fit_predictor(
     unfinished: &Path,
     mut progress: impl FnMut(u64, &PredictorLosses) -> Result<()>,
 ) -> Result<Policy> {
-    let mut fit = Fit::new(policy, task, spec, settings)?;
+    let mut fit = PredictorFit::new(policy, task, spec, settings)?;
     if unfinished.exists() {
         fit = fit.resume(unfinished)?;
     }
@@ -129,12 +129,17 @@ pub fn fit_predictor(
     fit.policy()
 }
 
-impl Fit {
+impl PredictorFit {
     /// Before the first update.
     ///
     /// # Errors
     /// `Usage` if there cannot be such a predictor; `Interrupted` if the program was asked to stop.
-    pub fn new(policy: &Policy, task: &Task, spec: &PredictorSpec, settings: &FitSettings) -> Result<Fit> {
+    pub fn new(
+        policy: &Policy,
+        task: &Task,
+        spec: &PredictorSpec,
+        settings: &FitSettings,
+    ) -> Result<PredictorFit> {
         let mut spec = spec.clone();
         if settings.hold_constants {
             spec.held.extend(constants(policy, task, settings)?);
@@ -158,7 +163,7 @@ impl Fit {
             let agents = task.spec().n_agents();
             batch.ages = vec![NOT_ARRIVED; (batch.steps + 1) * batch.episodes * agents * agents];
         }
-        Ok(Fit {
+        Ok(PredictorFit {
             rollout: rollout(task, settings, 0),
             batch,
             settings: settings.clone(),

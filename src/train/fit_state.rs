@@ -7,12 +7,12 @@ use safetensors::SafeTensors;
 use serde_json::json;
 
 use super::Parameters;
-use super::fit::{Fit, rollout};
+use super::fit::{PredictorFit, rollout};
 use crate::base::error::Result;
 use crate::nn::{Precision, TensorSpec, map, write_tensors};
 use crate::{failed, usage};
 
-impl Fit {
+impl PredictorFit {
     /// Writes what it needs to go on to `path`.
     ///
     /// # Errors
@@ -37,12 +37,12 @@ impl Fit {
         write_tensors(path, &metadata, Precision::Full, &tensors)
     }
 
-    /// This fit, before its first update, as it was when it was [saved](Fit::save) to `path`; what follows is the same to
-    /// the bit.
+    /// This fit, before its first update, as it was when it was [saved](PredictorFit::save) to `path`; what follows is the
+    /// same to the bit.
     ///
     /// # Errors
     /// `Usage` if there is no such file, or another fit was saved there; `Failed` if it is damaged.
-    pub fn resume(mut self, path: &Path) -> Result<Fit> {
+    pub fn resume(mut self, path: &Path) -> Result<PredictorFit> {
         let (map, source) = (map(path)?, path.display());
         let damaged = |what: &str| failed!("{source} is damaged, or no unfinished fit: {what}");
         let (_, content) = SafeTensors::read_metadata(&map).map_err(|error| damaged(&error.to_string()))?;

@@ -17,11 +17,11 @@ use crate::nn::{Dims, Sharing};
 #[derive(Clone, Debug)]
 pub struct Learner {
     /// One per agent, or one.
-    pub actors: Vec<LearningActor>,
+    pub(crate) actors: Vec<LearningActor>,
     /// One per agent, or one.
-    pub critics: Vec<LearningCritic>,
+    pub(crate) critics: Vec<LearningCritic>,
     /// Those of the settings.
-    pub predictors: Vec<LearningPredictor>,
+    pub(crate) predictors: Vec<LearningPredictor>,
     settings: Settings,
     joint: usize,
     /// How many actions each agent has: the first ones.
@@ -147,7 +147,7 @@ impl Learner {
     }
 
     /// The time that the networks have taken since the team was made.
-    pub fn busy(&self) -> Busy {
+    pub(crate) fn busy(&self) -> Busy {
         Busy {
             actors: self.actors.iter().map(|actor| actor.busy).sum(),
             critics: self.critics.iter().map(|critic| critic.busy).sum(),
@@ -163,7 +163,7 @@ impl Learner {
     /// the observation after the last action too. Backward is a product for the gradient of a weight and, but
     /// in the first layer, one for the derivative by its input; every time step counts alike. Everything
     /// between the products is left out.
-    pub fn flop_per_update(&self, episodes: usize, steps: usize, replayed: usize) -> f64 {
+    pub(crate) fn flop_per_update(&self, episodes: usize, steps: usize, replayed: usize) -> f64 {
         let rows = |episodes: usize, steps: usize| (episodes * steps) as f64;
         let epochs = self.settings.epochs as f64;
         let actors = self.actors.iter().map(|actor| {

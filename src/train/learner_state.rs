@@ -27,7 +27,7 @@ impl Learner {
     /// Every tensor that makes the team what it is, with its name and shape: weights as a policy calls them
     /// (`actors.0.fc1.weight`, ..), Adam's moments (`adam.mean.actors.0.fc1.weight`, `adam.square.`..), target
     /// critics (`target.critics.0.fc1.weight`, ..) and the gradients that predictors carry on
-    /// (`carried.predictors.maro.fc1.weight`, ..). With the [`counters`](Self::counters) that is all.
+    /// (`carried.predictors.maro.fc1.weight`, ..). With the counters that is all.
     pub fn state(&self) -> Vec<(String, Vec<usize>, &[f32])> {
         let tensors = self.parts().into_iter().flat_map(|(beginning, specs, values)| {
             specs.iter().enumerate().map(move |(at, spec)| {
@@ -43,7 +43,7 @@ impl Learner {
     }
 
     /// What the team has counted.
-    pub fn counters(&self) -> Counters {
+    pub(crate) fn counters(&self) -> Counters {
         let adam = self.networks().map(|network| (network.name.clone(), network.steps));
         Counters { updates: self.updates, adam: adam.collect() }
     }
@@ -53,7 +53,7 @@ impl Learner {
     ///
     /// Fails, and changes nothing, if a tensor is missing or not of the length it has here, or if the counters
     /// are not those of these networks; says which.
-    pub fn restore<T: AsRef<[f32]>>(
+    pub(crate) fn restore<T: AsRef<[f32]>>(
         &mut self,
         tensor: impl Fn(&str) -> Option<T>,
         counters: &Counters,

@@ -16,7 +16,7 @@
 //!                                Run:     a row of metrics with its test (trial), a checkpoint, the folder
 //! ```
 //!
-//! [`Run::train`] is the loop; [`estimate`] and [`Throughput`] run it without a folder.
+//! `Run::train` is the loop; `estimate` and `Throughput` run it without a folder.
 
 mod actor;
 mod batch;
@@ -32,7 +32,7 @@ mod folder;
 mod layer;
 mod learner;
 mod learner_state;
-pub mod memory;
+mod memory;
 mod memory_needed;
 pub mod network;
 mod parameters;
@@ -51,25 +51,26 @@ mod throughput;
 mod trainer;
 mod trial;
 
-pub use actor::{ActorLosses, LearningActor};
+pub use actor::ActorLosses;
 pub use batch::{Batch, Trajectories};
-pub use checkpoint::{Checkpoint, Progress};
+pub(crate) use checkpoint::{Checkpoint, Progress};
 pub use config::{AdvantageKind, Algorithm, Config, Preset, TrainMode, TrainP};
-pub use critic::{CriticLosses, LearningCritic};
+pub use critic::CriticLosses;
 pub use ends::Ends;
-pub use fit::{Feed, Fit, FitSettings, fit_predictor};
-pub use folder::RunFolder;
+pub use fit::{Feed, FitSettings, PredictorFit, fit_predictor};
+pub(crate) use folder::RunFolder;
 pub use layer::Layer;
-pub use learner::{Busy, Learner, Losses};
-pub use learner_state::Counters;
+pub(crate) use learner::Busy;
+pub use learner::{Learner, Losses};
+pub use memory::Flat;
 pub use parameters::Parameters;
-pub use plan::{Plan, estimate};
-pub use predictor::{LearningPredictor, PredictorLosses};
+pub(crate) use plan::estimate;
+pub use predictor::PredictorLosses;
 pub use replay::Replay;
 pub use rollout::Rollout;
-pub use rows::{Averages, columns};
-pub use run::{Pace, Run};
+pub(crate) use rows::Averages;
+pub(crate) use run::{Pace, Run};
 pub use settings::{Backend, CriticInput, Estimator, Loss, Objective, PredictorSettings, Settings};
-pub use throughput::{Throughput, matmul_rate, test_duration};
+pub(crate) use throughput::{Throughput, matmul_rate, test_duration};
 pub use trainer::{Diverged, Trainer};
-pub use trial::{LEVELS, Trial};
+pub(crate) use trial::Trial;

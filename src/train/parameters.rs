@@ -68,7 +68,7 @@ impl Parameters {
     }
 
     /// The square of the gradient's norm.
-    pub fn squared_norm(&self) -> f64 {
+    pub(crate) fn squared_norm(&self) -> f64 {
         kernels::sum_of_squares(self.gradient.all())
     }
 

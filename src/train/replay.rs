@@ -128,7 +128,12 @@ impl Replay {
 
     /// Takes over what [`Replay::episodes`], [`Replay::lengths`] and [`Replay::actions`] gave; false if that does not
     /// fit. Without lengths all episodes are whole.
-    pub fn restore(&mut self, episodes: &[f32], lengths: Option<Vec<usize>>, actions: Vec<u8>) -> bool {
+    pub(crate) fn restore(
+        &mut self,
+        episodes: &[f32],
+        lengths: Option<Vec<usize>>,
+        actions: Vec<u8>,
+    ) -> bool {
         let length = self.observations * self.joint;
         let slots = episodes.len() / length;
         let lengths = lengths.unwrap_or_else(|| vec![self.observations; slots]);

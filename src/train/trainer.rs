@@ -40,7 +40,7 @@ impl Trainer {
     }
 
     /// As it was at a checkpoint of this configuration.
-    pub fn restore(config: Config, threads: usize, checkpoint: &Checkpoint) -> Result<Trainer> {
+    pub(crate) fn restore(config: Config, threads: usize, checkpoint: &Checkpoint) -> Result<Trainer> {
         let task = Task::parse(&config.task)?;
         let mut state = State::begin(&config, task.spec(), threads)?;
         state.restore(&config, task.spec(), checkpoint)?;

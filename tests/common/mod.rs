@@ -1,6 +1,7 @@
 //! Running the real binary.
 #![allow(dead_code)] // Each test binary uses its part.
 
+pub mod acting;
 pub mod training;
 
 use std::io::{PipeReader, Read, Write};

@@ -132,6 +132,14 @@ fn state_dicts_for_something_else() {
     check(Dims { joint: 8, ..dims() }, mlp, network, "fc1.weight is [4, 7], expected [4, 8]");
     check(Dims { predicted: 7, ..dims() }, mlp, network, "linear_obs.weight is [12, 3], expected [14, 3]");
     check(Dims { n_actions: 3, ..dims() }, mlp, network, "fc2.weight is [5, 4], expected [3, 4]");
+    // Ten inputs of an actor are three ids and seven values, or six ids and four.
+    let narrow = Dims { n_agents: 6, joint: 4, predicted: 4, ..dims() };
+    check(
+        narrow,
+        gru,
+        network,
+        "network.th: this predictor sees 7 values, but the joint estimate of toy has 4",
+    );
 }
 
 #[test]

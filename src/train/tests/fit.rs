@@ -9,7 +9,7 @@ use crate::environment::{About, Task};
 use crate::nn::TensorSpec;
 use crate::supervisor::InProcess;
 use crate::train::fit::importance;
-use crate::train::{Feed, Fit, FitSettings, fit_predictor};
+use crate::train::{Feed, FitSettings, PredictorFit, fit_predictor};
 
 fn task() -> Task {
     Task::parse("spread-xy-2").unwrap()
@@ -88,7 +88,7 @@ fn a_fit_hears_what_its_agents_hear() {
     fit_predictor(&policy(), &task(), &spec, &settings, Path::new("none"), note).unwrap();
     assert!(losses[39] < 0.5 * losses[0], "{losses:?}");
 
-    let mut fit = Fit::new(&policy(), &task(), &spec, &settings).unwrap();
+    let mut fit = PredictorFit::new(&policy(), &task(), &spec, &settings).unwrap();
     let mut agents = InProcess::new(&fit.agents(), &fit.policy().unwrap()).unwrap();
     fit.update(&mut agents).unwrap();
     let (episodes, ages) = (settings.episodes, &fit.batch.ages);
@@ -153,8 +153,8 @@ fn a_fit_that_is_resumed_comes_to_the_same_bits() {
     let path = folder.path().join("fit.safetensors");
     let settings = FitSettings { updates: 7, ..settings(Feed::ClosedLoop, Loss::Nll) };
     let (expected, _) = fitted(&settings);
-    let fresh = |settings| Fit::new(&policy(), &task(), &spec(), settings).unwrap();
-    let go_on = |fit: &mut Fit, until: u64| {
+    let fresh = |settings| PredictorFit::new(&policy(), &task(), &spec(), settings).unwrap();
+    let go_on = |fit: &mut PredictorFit, until: u64| {
         let mut agents = InProcess::new(&fit.agents(), &fit.policy().unwrap()).unwrap();
         while fit.updates() < until {
             fit.update(&mut agents).unwrap();

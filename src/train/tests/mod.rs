@@ -11,8 +11,10 @@ mod predictors;
 
 use super::batch::gather;
 use super::divergence::Divergence;
-use super::memory::{Buffer, Flat};
+use super::learner_state::Counters;
+use super::memory::Buffer;
 use super::network::Passes;
+use super::predictor::LearningPredictor;
 use super::*;
 use crate::base::rng::{Draws, Purpose};
 use crate::bus::NOT_ARRIVED;

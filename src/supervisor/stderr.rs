@@ -1,0 +1,106 @@
+//! What a process writes to stderr: passed on line by line, until the process ends.
+//!
+//! A process may start others, which inherit its stderr and can keep that open for as long as they like. So the end of the
+//! process counts, not that of the pipe: what is in the pipe then is all that it ever said.
+
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::os::fd::OwnedFd;
+use std::process::ChildStderr;
+use std::sync::Arc;
+
+use rustix::event::{PollFd, PollFlags, poll};
+
+/// The stderr of a process, which ends when the process does.
+pub(super) struct OwnStderr {
+    pipe: ChildStderr,
+    pidfd: Arc<OwnedFd>,
+    /// Bytes that are still to be read, known once the process has ended.
+    left: Option<usize>,
+}
+
+impl OwnStderr {
+    /// The stderr of the process with this pidfd.
+    pub(super) fn new(pipe: ChildStderr, pidfd: Arc<OwnedFd>) -> OwnStderr {
+        OwnStderr { pipe, pidfd, left: None }
+    }
+
+    /// Copies it to ours, line by line, with a name in front. Returns the last line.
+    pub(super) fn pass_on(self, name: &str) -> Option<String> {
+        let mut last = None;
+        for line in BufReader::new(self).split(b'\n').map_while(|line| line.ok()) {
+            let line = String::from_utf8_lossy(&line).into_owned();
+            // Where stderr cannot be written the line is still told when the process fails.
+            let _ = writeln!(io::stderr(), "[{name}] {line}");
+            last = Some(line);
+        }
+        last
+    }
+
+    /// Sleeps until there is something to read, or the process has ended.
+    fn wait(&mut self) -> io::Result<()> {
+        let mut polled = [PollFd::new(&self.pipe, PollFlags::IN), PollFd::new(&self.pidfd, PollFlags::IN)];
+        poll(&mut polled, None)?;
+        if !polled[1].revents().is_empty() {
+            self.left = Some(rustix::io::ioctl_fionread(&self.pipe)? as usize);
+        }
+        Ok(())
+    }
+}
+
+impl Read for OwnStderr {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.left.is_none() {
+            self.wait()?;
+        }
+        let most = self.left.map_or(buffer.len(), |left| left.min(buffer.len()));
+        let read = self.pipe.read(&mut buffer[..most])?;
+        self.left = self.left.map(|left| left - read);
+        Ok(read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::{Command, Stdio};
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    use rustix::process::{Pid, PidfdFlags, pidfd_open};
+
+    use super::*;
+
+    /// What is read of the stderr of a shell that runs a script, to its end. The shell's stdin stays open until then.
+    fn read(script: &str) -> String {
+        let mut command = Command::new("sh");
+        command.args(["-c", script]).stdin(Stdio::piped()).stderr(Stdio::piped());
+        let mut shell = command.spawn().unwrap();
+        let pidfd = Arc::new(pidfd_open(Pid::from_child(&shell), PidfdFlags::empty()).unwrap());
+        let mut stderr = OwnStderr::new(shell.stderr.take().unwrap(), pidfd);
+        let (done, text) = channel();
+        std::thread::spawn(move || {
+            let mut text = String::new();
+            stderr.read_to_string(&mut text).unwrap();
+            done.send(text).unwrap();
+        });
+        let text = text.recv_timeout(Duration::from_secs(30)).expect("it ends with the shell");
+        drop(shell.stdin.take());
+        shell.wait().unwrap();
+        text
+    }
+
+    #[test]
+    fn everything_a_process_said_is_read() {
+        assert_eq!(read("echo one >&2; printf two >&2"), "one\ntwo");
+        // It closes the pipe before it ends.
+        assert_eq!(read("echo one >&2; exec 2>&-; cat"), "one\n");
+        // More than a pipe holds.
+        assert_eq!(read("head -c 300000 /dev/zero >&2").len(), 300_000);
+    }
+
+    #[test]
+    fn nobody_waits_for_what_others_may_say() {
+        // They hold the pipe until their stdin is closed, silent or not.
+        assert_eq!(read("exec 3<&0; cat <&3 >&2 & echo last words >&2"), "last words\n");
+        assert!(read("yes >&2 & exit 3").lines().all(|line| line == "y"));
+    }
+}
