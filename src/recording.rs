@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
-use crate::environment::{ActionSpace, State};
+use crate::environment::{ActionSpace, PhysicsSpec, State};
 use crate::link::LONGEST_DELAY;
 
 /// A file of recorded episodes.
@@ -56,6 +56,9 @@ pub struct RecordingHeader {
     /// The communication matrix, where it is fixed (traces of this program).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matrix: Option<Vec<Vec<f64>>>,
+    /// How bodies moved, if otherwise than by default.
+    #[serde(default, skip_serializing_if = "PhysicsSpec::is_default")]
+    pub physics: PhysicsSpec,
     /// Whether everything was delivered at t = 0 (traces of this program).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub comm_at_t0: Option<bool>,

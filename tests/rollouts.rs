@@ -9,7 +9,7 @@ use common::{assert_gone, swarm_of};
 use rustix::process::{Signal, kill_process};
 use vamaro_swarm::agent::{AgentSettings, PolicySource, Registry, dims};
 use vamaro_swarm::base::error::Result;
-use vamaro_swarm::environment::Task;
+use vamaro_swarm::environment::{PhysicsSpec, Task};
 use vamaro_swarm::link::Links;
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
 use vamaro_swarm::recording::{Episode, Recording, RecordingHeader};
@@ -236,6 +236,7 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
             greedy: None,
             links: None,
             matrix: None,
+            physics: PhysicsSpec::default(),
             comm_at_t0: None,
             version: None,
         };

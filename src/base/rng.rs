@@ -35,6 +35,8 @@ pub enum Purpose {
     Bootstrap = 8,
     /// How many ticks one observation takes.
     Delay = 9,
+    /// How far a motor's force is off.
+    Motor = 10,
     /// What an agent imagines a teammate to do.
     Imagination = 11,
 }

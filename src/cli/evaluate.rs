@@ -10,11 +10,11 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::machine;
 use super::train::threads;
-use super::{imputer_help, policy_source, print, tell};
+use super::{PHYSICS_HELP, imputer_help, policy_source, print, tell};
 use crate::agent::{PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::bus::Wait;
-use crate::environment::Task;
+use crate::environment::{PhysicsSpec, Task};
 use crate::evaluate::report::{self, Provenance};
 use crate::evaluate::{Condition, Entrant, Place, Record, Requirement, Settings, Summary, Sweep, Verdict};
 use crate::nn::{Policy, PolicyFile};
@@ -72,6 +72,9 @@ pub struct Evaluate {
     #[arg(long)]
     no_comm_at_t0: bool,
 
+    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t, allow_negative_numbers = true)]
+    physics: PhysicsSpec,
+
     /// Seed of every random draw, the same for all cells
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
@@ -122,6 +125,7 @@ Examples:
   vamaro-swarm evaluate runs/hs-0
   vamaro-swarm evaluate runs/hs-*/policy.safetensors --report report/
   vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic
+  vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
   vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'    exits 3 if not
 
 All cells start from the same initial states, with the same draws of actions
@@ -191,6 +195,7 @@ impl Evaluate {
                 seed: self.seed,
                 greedy: self.greedy,
                 comm_at_t0: !self.no_comm_at_t0,
+                physics: self.physics,
             },
             conditions: self.conditions()?,
             entrants,

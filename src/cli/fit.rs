@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
-use super::{policy_source, print, tell};
+use super::{PHYSICS_HELP, policy_source, print, tell};
 use crate::agent::PolicySource;
 use crate::base::error::Result;
 use crate::dynamics::{Dynamics, Fitted, fit};
-use crate::environment::Task;
+use crate::environment::{PhysicsSpec, Task};
 use crate::nn::{Policy, PolicyFile, Precision, PredictorSpec};
 use crate::supervisor::signals;
 use crate::train::{FitSettings, PredictorLosses, fit_predictor};
@@ -22,6 +22,7 @@ Examples:
   vamaro-swarm fit hear-see/seed-0 --out hs.safetensors
   vamaro-swarm evaluate hs.safetensors --imputers value-aware,dynamics
   vamaro-swarm fit runs/hs-0 --imputers dynamics,acting --updates 3000
+  vamaro-swarm fit runs/hs-0 --physics damping=0.3 --out hs-damped.safetensors
 
 For `dynamics`, agents act at random in the first episodes of the seed, everything is seen, and
 how bodies move is fitted to that: what of its velocity a body keeps, what each action adds, how
@@ -42,6 +43,9 @@ pub struct Fit {
     /// Where to write the policy with them [default: where it was read]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+
+    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t, allow_negative_numbers = true)]
+    physics: PhysicsSpec,
 
     /// How many episodes to fit dynamics to
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -72,7 +76,7 @@ impl Fit {
             return Err(usage!("{} is no file; fit a policy file, or the folder of a run", self.policy));
         };
         let file = PolicyFile::read(path)?;
-        let task = Task::parse(&file.meta.task)?;
+        let task = Task::parse(&file.meta.task)?.with_physics(self.physics)?;
         let mut policy = source.load(task.spec())?;
         let out = self.out.as_ref().unwrap_or(path);
         for name in &self.imputers {
@@ -92,7 +96,13 @@ impl Fit {
 
     fn fit_dynamics(&self, policy: Policy, task: &Task) -> Result<Policy> {
         let fitted = fit(task, self.seed, self.episodes)?;
-        print(&format!("{}: dynamics from {} episodes\n{}", task.id(), self.episodes, words(&fitted)))?;
+        let physics = self.physics.if_other();
+        print(&format!(
+            "{}: dynamics from {} episodes{physics}\n{}",
+            task.id(),
+            self.episodes,
+            words(&fitted)
+        ))?;
         Ok(policy.with_dynamics(fitted.dynamics))
     }
 

@@ -117,10 +117,11 @@ fn inspect_recording(path: &Path) -> Result<()> {
     };
     let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "not said".to_owned());
     print(&format!(
-        "{} of {}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
+        "{} of {}{}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
          policy      {}\n\n{rows}{more}",
         if recording.is_trace() { "trace" } else { "recording" },
         header.task,
+        header.physics.if_other(),
         header.n_agents,
         recording.episodes.len(),
         header.episode_steps,

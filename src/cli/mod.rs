@@ -235,6 +235,10 @@ fn rate(text: &str) -> std::result::Result<f64, String> {
 }
 
 /// What the help says of an option that names imputers.
+/// What `--physics` is.
+const PHYSICS_HELP: &str = "How bodies move: some of motor_noise (std of the error of a push, in pushes, 0 to 10), damping \
+    (share of its velocity that a body loses in a step, 0 to 1) and mass (of each agent, kg, 0.01 to 100)";
+
 fn imputer_help(default: &str) -> String {
     format!(
         "What stands for lost observations: a predictor of the policy by its name, or {} [default: {default}]",

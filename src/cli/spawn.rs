@@ -7,14 +7,14 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::summary::{Outcome, Summary};
-use super::{imputer_help, policy_source, print, print_json, probability, rate, tell};
+use super::{PHYSICS_HELP, imputer_help, policy_source, print, print_json, probability, rate, tell};
 use crate::agent::{AgentSettings, PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::{Grants, Scheduling};
 use crate::base::threads::cores;
 use crate::bus::Wait;
-use crate::environment::Task;
+use crate::environment::{PhysicsSpec, Task};
 use crate::link::{self, CommunicationMatrix, LinkSpec, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::RecordingHeader;
@@ -53,6 +53,9 @@ pub struct Spawn {
     /// Lose observations at t = 0 too; by default everything is delivered once when an episode starts
     #[arg(long)]
     no_comm_at_t0: bool,
+
+    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t, allow_negative_numbers = true)]
+    physics: PhysicsSpec,
 
     /// Policy: a file, a folder with policy.safetensors, a pretrained one by its name in a checkout (such
     /// as hear-see/seed-1), builtin, or untrained (random weights)
@@ -130,6 +133,7 @@ Examples:
   vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --episodes 1000 --worlds 10
   vamaro-swarm spawn --task spread-blindfold-6 --policy untrained --links dynamic --audit
   vamaro-swarm spawn --agents 4 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
+  vamaro-swarm spawn --agents 4 --p 0 --physics motor_noise=0.3,damping=0.3,mass=1.2
   vamaro-swarm spawn --agents 4 --p 0.2 --rate 100     in real time, 100 Hz
   vamaro-swarm spawn --task SXY-4 --p 0.6 --record trace.json && vamaro-swarm verify trace.json";
 
@@ -142,7 +146,7 @@ impl Spawn {
     pub fn run(self) -> Result<()> {
         signals::install()?;
         let source = policy_source(&self.policy, self.seed)?;
-        let task = self.find_task(&source)?;
+        let task = self.find_task(&source)?.with_physics(self.physics)?;
         let scheduling = self.scheduling()?;
         let links = self.find_links(&task)?;
         let policy = source.load(task.spec())?;
@@ -331,6 +335,7 @@ impl Spawn {
             greedy: Some(self.greedy),
             links: Some(links.recorded_name()),
             matrix: links.matrix().map(CommunicationMatrix::to_rows),
+            physics: self.physics,
             comm_at_t0: Some(!self.no_comm_at_t0),
             version: Some(env!("CARGO_PKG_VERSION").to_owned()),
         };

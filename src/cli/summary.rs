@@ -45,8 +45,9 @@ impl Summary<'_> {
             _ => "as processes",
         };
         format!(
-            "{}: {} {place}, {}{}, {}{}\n",
+            "{}{}: {} {place}, {}{}, {}{}\n",
             self.task.id(),
+            self.task.physics().if_other(),
             counted(self.task.spec().n_agents() as u64, "agent"),
             self.link_words(),
             if self.comm_at_t0 { "" } else { " also at t = 0" },
@@ -137,7 +138,7 @@ impl Summary<'_> {
         let Outcome { statistics, audit, punctuality } = *outcome;
         let Summary { task, settings, .. } = self;
         let p = self.links.p();
-        json!({
+        let mut summary = json!({
             "version": env!("CARGO_PKG_VERSION"),
             "task": task.id(),
             "agents": task.spec().n_agents(),
@@ -170,7 +171,11 @@ impl Summary<'_> {
             "elapsed_s": statistics.elapsed().as_secs_f64(),
             "audit": audit,
             "real_time": punctuality.map(|punctuality| clock_json(statistics, punctuality)),
-        })
+        });
+        if !task.physics().is_default() {
+            summary["physics"] = json!(task.physics());
+        }
+        summary
     }
 }
 

@@ -11,11 +11,12 @@ use serde_json::json;
 
 use super::campaign::{Campaign, Seeds, out_of_seed};
 use super::reporter::Reporter;
-use super::{keep_candle_to_its_thread, print, print_json, table};
+use super::{PHYSICS_HELP, keep_candle_to_its_thread, print, print_json, table};
 use crate::agent::process::leave_with;
 use crate::base::error::Result;
 use crate::base::threads::cores;
 use crate::bus::Wait;
+use crate::environment::PhysicsSpec;
 use crate::supervisor::{InProcess, Processes, signals};
 use crate::train::{
     Algorithm, Backend, Checkpoint, Config, Layer, Pace, Preset, Run, RunFolder, Trial, estimate,
@@ -54,6 +55,9 @@ pub struct Train {
     /// Probability of delivery while the policy trains, or `uniform`, a level per episode [default: 1]
     #[arg(long, value_name = "P", allow_negative_numbers = true)]
     train_p: Option<String>,
+
+    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, allow_negative_numbers = true)]
+    physics: Option<PhysicsSpec>,
 
     /// What all other settings of a new run start from [default: paper]
     #[arg(long, value_enum)]
@@ -119,6 +123,7 @@ Examples:
   vamaro-swarm train --task hear-see --steps 1M --out runs/hs-0
   vamaro-swarm train --resume --out runs/hs-0 --steps 5M
   vamaro-swarm train --task SXY-4 --seeds 0..3 --jobs 2 --out runs/sxy4
+  vamaro-swarm train --task SXY-2 --physics motor_noise=0.1 --out runs/sxy2-noisy
   vamaro-swarm train --algorithm ippo --set learning_rate=3e-4 --set share_actors=true --dry-run
   vamaro-swarm spawn --task hear-see --policy runs/hs-0 --p 0.2
 
@@ -212,6 +217,7 @@ impl Train {
             ("backend", name(self.backend.as_ref())),
             ("predictors", text(self.predictors.clone())),
             ("train_p", self.train_p.clone()),
+            ("physics", text(self.physics.map(String::from))),
         ] {
             value.into_iter().for_each(|value| layer.set(key, &value));
         }
@@ -240,6 +246,7 @@ impl Train {
             ("--algorithm", name(self.algorithm.as_ref()).map(OsString::from)),
             ("--predictors", self.predictors.clone().map(OsString::from)),
             ("--train-p", self.train_p.clone().map(OsString::from)),
+            ("--physics", self.physics.map(|physics| String::from(physics).into())),
             ("--preset", name(self.preset.as_ref()).filter(|_| !goes_on).map(OsString::from)),
             ("--config", self.config.clone().map(OsString::from)),
             ("--backend", name(self.backend.as_ref()).map(OsString::from)),

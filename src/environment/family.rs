@@ -1,6 +1,6 @@
 //! A family of tasks: what they are called, and how to make them.
 
-use super::{Environment, Spec};
+use super::{Environment, PhysicsSpec, Spec};
 use crate::base::rng::MAX_AGENTS;
 
 /// Tasks that play by the same rules.
@@ -15,8 +15,11 @@ pub(super) struct Family {
     /// Describes the task of this id for so many agents.
     pub(super) spec: fn(id: &str, n_agents: usize) -> Spec,
     /// Makes so many worlds of a task.
-    pub(super) worlds: fn(spec: &Spec, worlds: usize) -> Box<dyn Environment>,
+    pub(super) worlds: MakeWorlds,
 }
+
+/// Makes so many worlds of a task with this physics.
+pub(super) type MakeWorlds = fn(spec: &Spec, physics: &PhysicsSpec, worlds: usize) -> Box<dyn Environment>;
 
 /// A task with a name of its own.
 #[derive(Debug)]

@@ -10,7 +10,9 @@
 
 mod family;
 mod hear_see;
+mod motor;
 mod physics;
+mod physics_spec;
 mod point_mass;
 mod registry;
 mod simple_spread;
@@ -21,6 +23,7 @@ mod task;
 mod worlds;
 
 pub use physics::{Body, Physics};
+pub use physics_spec::PhysicsSpec;
 pub use spec::{About, ActionSpace, AgentSpec, Axis, PaperSetting, Spec, TeamReward, Unit, Value};
 pub use task::Task;
 pub use worlds::{Actions, World, Worlds};
@@ -39,7 +42,7 @@ pub trait Environment: Send {
     /// How many worlds there are.
     fn worlds(&self) -> usize;
 
-    /// Starts an episode in a world. Its seed and number alone decide how it begins.
+    /// Starts an episode in a world. Its seed and number alone decide how it begins, and what is random in its steps.
     fn reset(&mut self, world: usize, seed: u64, episode: u64) -> Result<()>;
 
     /// Writes what the agents of the first `worlds` worlds observe now, `[agents, worlds, observation]`, each
@@ -57,7 +60,8 @@ pub trait Environment: Send {
     fn state(&self, world: usize) -> State;
 
     /// Puts a world into a given state, as if just reset there. If there was a step before, `last_actions` are its
-    /// actions, `[agents, width]`: agents may still hear what was said in it.
+    /// actions, `[agents, width]`: agents may still hear what was said in it. What is random in the steps of the episode
+    /// goes on as if nothing had happened.
     fn set_state(&mut self, world: usize, state: &State, last_actions: Option<&[u32]>) -> Result<()>;
 
     /// Where the agents of a world are, m; empty if the environment has no places.
@@ -105,5 +109,7 @@ impl Outcome {
     }
 }
 
+#[cfg(test)]
+mod physics_tests;
 #[cfg(test)]
 mod tests;

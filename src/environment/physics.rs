@@ -2,6 +2,8 @@
 
 use glam::DVec2;
 
+use super::PhysicsSpec;
+
 /// The laws of a world. The defaults are those of the reference environments the paper trains on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Physics {
@@ -12,6 +14,8 @@ pub struct Physics {
     pub damping: f64,
     /// Force of an action, N. Default 5: one step from rest reaches 0.5 m/s.
     pub force: f64,
+    /// Standard deviation of the error of an agent's force along each axis, in units of `force`. Default 0.
+    pub motor_noise: f64,
     /// Contact force per length of overlap, N/m. Default 100: a full overlap of two 0.15 m agents pushes
     /// with 30 N, six times what an action can press against it.
     pub contact_stiffness: f64,
@@ -45,7 +49,22 @@ impl Body {
 impl Physics {
     /// The default laws for these bodies.
     pub fn of(bodies: Vec<Body>) -> Physics {
-        Physics { dt: 0.1, damping: 0.25, force: 5.0, contact_stiffness: 100.0, contact_margin: 1e-3, bodies }
+        Physics {
+            dt: 0.1,
+            damping: 0.25,
+            force: 5.0,
+            motor_noise: 0.0,
+            contact_stiffness: 100.0,
+            contact_margin: 1e-3,
+            bodies,
+        }
+    }
+
+    /// The same, but for what `spec` says.
+    pub fn under(mut self, spec: &PhysicsSpec) -> Physics {
+        let PhysicsSpec { motor_noise, damping, mass } = *spec;
+        self.bodies.iter_mut().for_each(|body| body.mass = mass);
+        Physics { motor_noise, damping, ..self }
     }
 
     /// The force of an action, N; none for an action that does not exist.

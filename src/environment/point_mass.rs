@@ -4,7 +4,8 @@ use std::fmt::Debug;
 
 use glam::{DVec2, dvec2};
 
-use super::{Actions, End, Physics, Spec, State, World, Worlds};
+use super::motor::Motors;
+use super::{Actions, End, Physics, PhysicsSpec, Spec, State, World, Worlds};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::failed;
@@ -51,22 +52,29 @@ pub(super) struct Plane {
 pub(super) struct PointMass<R> {
     pub(super) plane: Plane,
     physics: Physics,
+    motors: Motors,
     forces: Vec<DVec2>,
     rules: std::marker::PhantomData<R>,
 }
 
 /// A batch of worlds with these rules.
-pub(super) fn worlds<R: Rules>(spec: &Spec, worlds: usize) -> Box<dyn super::Environment> {
-    Box::new(Worlds::new(spec.clone(), worlds, PointMass::<R>::new))
+pub(super) fn worlds<R: Rules>(
+    spec: &Spec,
+    physics: &PhysicsSpec,
+    worlds: usize,
+) -> Box<dyn super::Environment> {
+    Box::new(Worlds::new(spec.clone(), worlds, |spec| PointMass::<R>::new(spec, physics)))
 }
 
 impl<R: Rules> PointMass<R> {
     /// A world before its first episode: everything lies at the origin.
-    pub(super) fn new(spec: &Spec) -> PointMass<R> {
+    pub(super) fn new(spec: &Spec, physics: &PhysicsSpec) -> PointMass<R> {
         let n = spec.n_agents();
+        let physics = R::physics(n).under(physics);
         PointMass {
             plane: Plane::of(n, spec.landmarks),
-            physics: R::physics(n),
+            motors: Motors::of(&physics),
+            physics,
             forces: vec![DVec2::ZERO; n],
             rules: std::marker::PhantomData,
         }
@@ -76,6 +84,7 @@ impl<R: Rules> PointMass<R> {
         for (agent, force) in self.forces.iter_mut().enumerate() {
             *force = self.physics.action_force(actions.choice(agent));
         }
+        self.motors.shake(&mut self.forces);
         self.plane.message = R::message(actions);
     }
 
@@ -96,6 +105,7 @@ impl<R: Rules> World for PointMass<R> {
         self.plane.scatter(&mut draws);
         self.plane.goal = R::draw_goal(&mut draws, self.plane.landmarks.len());
         self.plane.message = None;
+        self.motors.begin(seed, episode);
         Ok(())
     }
 

@@ -7,10 +7,11 @@
 use glam::{DVec2, dvec2};
 
 use super::family::{AnySize, Family, named};
+use super::motor::Motors;
 use super::point_mass::{Plane, write};
 use super::{
-    About, ActionSpace, Actions, AgentSpec, Axis, Body, End, Environment, PaperSetting, Physics, Spec, State,
-    TeamReward, Value, World, Worlds,
+    About, ActionSpace, Actions, AgentSpec, Axis, Body, End, Environment, PaperSetting, Physics, PhysicsSpec,
+    Spec, State, TeamReward, Value, World, Worlds,
 };
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
@@ -98,23 +99,25 @@ fn physics(n_agents: usize) -> Physics {
     Physics::of(vec![Body { collides: true, ..Body::of_size(0.15) }; n_agents])
 }
 
-fn worlds<T: Thrust>(spec: &Spec, worlds: usize) -> Box<dyn Environment> {
-    Box::new(Worlds::new(spec.clone(), worlds, SimpleSpread::<T>::new))
+fn worlds<T: Thrust>(spec: &Spec, physics: &PhysicsSpec, worlds: usize) -> Box<dyn Environment> {
+    Box::new(Worlds::new(spec.clone(), worlds, |spec| SimpleSpread::<T>::new(spec, physics)))
 }
 
 /// One world and the state of its episode.
 struct SimpleSpread<T> {
     plane: Plane,
     physics: Physics,
+    motors: Motors,
     forces: Vec<DVec2>,
     thrust: std::marker::PhantomData<T>,
 }
 
 impl<T: Thrust> SimpleSpread<T> {
-    fn new(spec: &Spec) -> SimpleSpread<T> {
+    fn new(spec: &Spec, laws: &PhysicsSpec) -> SimpleSpread<T> {
         let n = spec.n_agents();
-        let thrust = std::marker::PhantomData;
-        SimpleSpread { plane: Plane::of(n, n), physics: physics(n), forces: vec![DVec2::ZERO; n], thrust }
+        let physics = physics(n).under(laws);
+        let (motors, thrust) = (Motors::of(&physics), std::marker::PhantomData);
+        SimpleSpread { plane: Plane::of(n, n), physics, motors, forces: vec![DVec2::ZERO; n], thrust }
     }
 }
 
@@ -122,6 +125,7 @@ impl<T: Thrust> World for SimpleSpread<T> {
     /// All at rest, everything uniform in `[-1, 1]^2`, drawn as in the other tasks.
     fn reset(&mut self, seed: u64, episode: u64) -> Result<()> {
         self.plane.scatter(&mut Draws::new(seed, Purpose::Reset, episode, 0));
+        self.motors.begin(seed, episode);
         Ok(())
     }
 
@@ -142,10 +146,11 @@ impl<T: Thrust> World for SimpleSpread<T> {
 
     /// Bodies move with the velocities they have, and only then are these changed.
     fn step(&mut self, actions: Actions, rewards: &mut [f64]) -> Result<End> {
-        let SimpleSpread { plane, physics, forces, .. } = self;
+        let SimpleSpread { plane, physics, motors, forces, .. } = self;
         for (agent, force) in forces.iter_mut().enumerate() {
             *force = T::of(actions.of(agent)) * physics.force;
         }
+        motors.shake(forces);
         physics.add_contact_forces(&plane.positions, forces);
         let moving = plane.positions.iter_mut().zip(&mut plane.velocities);
         for ((position, velocity), (force, body)) in moving.zip(forces.iter().zip(&physics.bodies)) {

@@ -3,10 +3,11 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::family::Family;
+use super::family::{Family, MakeWorlds};
 use super::registry::{self, FAMILIES};
-use super::{Environment, Spec};
+use super::{Environment, PhysicsSpec, Spec};
 use crate::base::error::Result;
+use crate::usage;
 
 /// A task: an environment with a name, of which as many worlds can be made as are needed.
 #[derive(Clone)]
@@ -14,11 +15,18 @@ pub struct Task {
     spec: Spec,
     summary: &'static str,
     aliases: &'static [&'static str],
-    worlds: Arc<MakeWorlds>,
+    physics: PhysicsSpec,
+    worlds: Maker,
 }
 
-/// Makes so many worlds.
-type MakeWorlds = dyn Fn(&Spec, usize) -> Box<dyn Environment> + Send + Sync;
+/// Who makes the worlds.
+#[derive(Clone)]
+enum Maker {
+    /// A family of point-mass tasks, with the physics it is told.
+    PointMass(MakeWorlds),
+    /// Somebody else.
+    Other(Arc<dyn Fn(&Spec, usize) -> Box<dyn Environment> + Send + Sync>),
+}
 
 impl Task {
     /// The task called `name`, in upper or lower case: an id, a paper name or a reference id, or
@@ -41,7 +49,8 @@ impl Task {
         spec: Spec,
         worlds: impl Fn(&Spec, usize) -> Box<dyn Environment> + Send + Sync + 'static,
     ) -> Task {
-        Task { spec, summary: "", aliases: &[], worlds: Arc::new(worlds) }
+        let (physics, worlds) = (PhysicsSpec::default(), Maker::Other(Arc::new(worlds)));
+        Task { spec, summary: "", aliases: &[], physics, worlds }
     }
 
     fn of(family: &Family, id: &str, n_agents: usize) -> Task {
@@ -49,8 +58,23 @@ impl Task {
             spec: (family.spec)(id, n_agents),
             summary: family.summary,
             aliases: registry::aliases(id),
-            worlds: Arc::new(family.worlds),
+            physics: PhysicsSpec::default(),
+            worlds: Maker::PointMass(family.worlds),
         }
+    }
+
+    /// The same task with this physics.
+    ///
+    /// # Errors
+    /// [`Usage`](crate::base::error::Error::Usage) if it is no task of point masses, and this not the default.
+    pub fn with_physics(self, physics: PhysicsSpec) -> Result<Task> {
+        if matches!(self.worlds, Maker::Other(_)) && !physics.is_default() {
+            return Err(usage!(
+                "{} cannot have physics {physics}: it is an environment of its own, and not of point masses",
+                self.id()
+            ));
+        }
+        Ok(Task { physics, ..self })
     }
 
     /// The task for a team of `n` where none is named.
@@ -86,9 +110,17 @@ impl Task {
         &self.spec
     }
 
+    /// Its physics; the default for an environment of its own.
+    pub fn physics(&self) -> &PhysicsSpec {
+        &self.physics
+    }
+
     /// So many worlds of it.
     pub fn environment(&self, worlds: usize) -> Box<dyn Environment> {
-        (self.worlds)(&self.spec, worlds)
+        match &self.worlds {
+            Maker::PointMass(make) => make(&self.spec, &self.physics, worlds),
+            Maker::Other(make) => make(&self.spec, worlds),
+        }
     }
 }
 
@@ -136,6 +168,21 @@ mod tests {
             assert_eq!((spec.n_actions(), spec.action_width(), spec.episode_steps), (5, 1, 25), "{id}");
             assert!(!task.summary().contains('\n'));
         }
+    }
+
+    #[test]
+    fn physics_is_for_point_masses() {
+        let noisy: PhysicsSpec = "motor_noise=0.3".parse().unwrap();
+        let own = || {
+            let task = Task::parse("hear-see").unwrap();
+            Task::custom(task.spec().clone(), move |_, worlds| task.environment(worlds))
+        };
+        let error = own().with_physics(noisy).unwrap_err();
+        assert!(matches!(error, Error::Usage(_)), "{error:?}");
+        assert!(error.to_string().contains("not of point masses"), "{error}");
+        assert!(own().with_physics(PhysicsSpec::default()).is_ok());
+        let task = Task::parse("hear-see").unwrap().with_physics(noisy).unwrap();
+        assert_eq!((task.id(), task.physics()), ("hear-see", &noisy));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::base::error::Result;
 
 /// One world of an environment. [`Worlds`] makes a batch of them, without dynamic calls inside it.
 pub trait World: Send {
-    /// Starts an episode. Its seed and number alone decide how it begins.
+    /// Starts an episode. Its seed and number alone decide how it begins, and what is random in its steps.
     fn reset(&mut self, seed: u64, episode: u64) -> Result<()>;
 
     /// Writes what `agent` observes now into `out`, zero-padded.

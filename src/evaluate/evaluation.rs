@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::environment::Unit;
+use crate::environment::{PhysicsSpec, Unit};
 use crate::link::LinkSpec;
 
 /// A sweep: policies, each played under every condition with every imputer.
@@ -26,7 +26,7 @@ pub struct Evaluation {
 }
 
 /// What decides how an episode goes, beside its cell.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Episodes of every cell.
     pub episodes: u64,
@@ -36,6 +36,9 @@ pub struct Settings {
     pub greedy: bool,
     /// Everything is delivered at t = 0.
     pub comm_at_t0: bool,
+    /// How bodies move, in all cells and for the random team; not written down if it is the default.
+    #[serde(default, skip_serializing_if = "PhysicsSpec::is_default")]
+    pub physics: PhysicsSpec,
 }
 
 /// A frozen policy.

@@ -25,7 +25,8 @@ pub(super) fn play(
 ) -> Result<Outcome> {
     let links = links.sharing_at_start(settings.comm_at_t0);
     let end = FIRST_EPISODE + settings.episodes;
-    let mut session = Session::new(task.environment(worlds), links, settings.seed).starting_at(FIRST_EPISODE);
+    let environment = task.clone().with_physics(settings.physics)?.environment(worlds);
+    let mut session = Session::new(environment, links, settings.seed).starting_at(FIRST_EPISODE);
     let (mut ledger, mut errors) = (Ledger::default(), ErrorLedger::new(task.spec(), policy, imputer));
     session.play(team, end, &mut [&mut ledger, &mut errors])?;
     let statistics = ledger.into_statistics();
@@ -38,7 +39,7 @@ pub(super) fn play(
 /// # Errors
 /// `Interrupted` if the program was asked to stop.
 pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Result<Vec<f64>> {
-    let (spec, mut world) = (task.spec(), task.environment(1));
+    let (spec, mut world) = (task.spec(), task.clone().with_physics(settings.physics)?.environment(1));
     let (mut actions, mut stepped) =
         (vec![0; spec.n_agents() * spec.action_width()], Stepped::of(1, spec.n_agents()));
     let mut play = |episode| {
@@ -69,7 +70,7 @@ mod tests {
     use crate::supervisor::InProcess;
 
     fn settings(episodes: u64) -> Settings {
-        Settings { episodes, seed: 4, greedy: false, comm_at_t0: true }
+        Settings { episodes, seed: 4, comm_at_t0: true, ..Settings::default() }
     }
 
     fn outcome(task: &str, p: f64, imputer: &str, worlds: usize) -> Outcome {

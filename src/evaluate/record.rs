@@ -188,9 +188,10 @@ impl Record {
 }
 
 fn words(settings: &Settings) -> String {
-    let Settings { episodes, seed, greedy, comm_at_t0 } = settings;
+    let Settings { episodes, seed, greedy, comm_at_t0, physics } = settings;
     format!(
-        "{episodes} episodes, seed {seed}, {} actions{}",
+        "{episodes} episodes{}, seed {seed}, {} actions{}",
+        physics.if_other(),
         if *greedy { "greedy" } else { "sampled" },
         if *comm_at_t0 { "" } else { ", losses at t = 0" }
     )
@@ -253,6 +254,11 @@ mod tests {
         };
         let header = |settings: &Settings| serde_json::to_string(&FirstLine::of(settings)).unwrap() + "\n";
         refused(&header(&settings(3)), "3 episodes");
+        let physics = "damping=0.3".parse().unwrap();
+        refused(
+            &header(&Settings { physics, ..settings(2) }),
+            "2 episodes with physics motor_noise=0,damping=0.3",
+        );
         refused(&header(&settings(2)).replace(env!("CARGO_PKG_VERSION"), "0.0.9"), "version 0.0.9");
         refused(&header(&settings(2)).replace("\"version\":2", "\"version\":1"), "cells.jsonl (version 1)");
         for foreign in ["{}\n", "something else", "something else\n"] {

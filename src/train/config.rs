@@ -9,7 +9,7 @@ use super::layer::{Layer, like};
 use super::settings::{Backend, CriticInput, Estimator, Loss, Objective, PredictorSettings, Settings};
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
-use crate::environment::Task;
+use crate::environment::{PhysicsSpec, Task};
 use crate::link::{Links, Uniform};
 use crate::nn::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma};
 use crate::usage;
@@ -22,6 +22,8 @@ use crate::usage;
 pub struct Config {
     /// Id of the task.
     pub task: String,
+    /// How bodies move.
+    pub physics: PhysicsSpec,
     /// Seed of every draw.
     pub seed: u64,
     /// Timesteps to train for; a run ends with the update that reaches them.

@@ -3,7 +3,7 @@
 use super::config::{AdvantageKind, Algorithm, Config, Preset, TrainP};
 use super::settings::{Backend, CriticInput, Loss, Objective, PredictorSettings, Settings};
 use crate::agent::paper_actor;
-use crate::environment::Spec;
+use crate::environment::{PhysicsSpec, Spec};
 use crate::nn::{PredictorSpec, Sigma};
 
 impl Config {
@@ -14,6 +14,7 @@ impl Config {
         let predictor = PredictorSettings::paper(Objective::Maro);
         let paper = Config {
             task: spec.id().to_owned(),
+            physics: PhysicsSpec::default(),
             seed: 0,
             steps: 5_000_000,
             algorithm,

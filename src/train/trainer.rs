@@ -35,13 +35,14 @@ impl Trainer {
 
     /// Before the first step, in a task that need not be one of the registry.
     pub fn in_task(config: Config, task: Task, threads: usize) -> Result<Trainer> {
+        let task = task.with_physics(config.physics)?;
         let state = State::begin(&config, task.spec(), threads)?;
         Ok(Trainer::assemble(config, task, state))
     }
 
     /// As it was at a checkpoint of this configuration.
     pub(crate) fn restore(config: Config, threads: usize, checkpoint: &Checkpoint) -> Result<Trainer> {
-        let task = Task::parse(&config.task)?;
+        let task = Task::parse(&config.task)?.with_physics(config.physics)?;
         let mut state = State::begin(&config, task.spec(), threads)?;
         state.restore(&config, task.spec(), checkpoint)?;
         Ok(Trainer::assemble(config, task, state))
@@ -94,7 +95,7 @@ impl Trainer {
         let meta = Meta {
             algorithm: algorithm.to_owned(),
             steps: self.timestep(),
-            origin: "trained by vamaro-swarm".to_owned(),
+            origin: format!("trained by vamaro-swarm{}", self.config.physics.if_other()),
             ..Meta::new(&self.config.task, self.config.seed)
         };
         Policy::new(&dims(self.task.spec()), meta, self.config.networks(), &self.weights)

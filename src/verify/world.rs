@@ -32,13 +32,17 @@ struct Found {
 struct World {
     environment: Box<dyn Environment>,
     outcome: Outcome,
+    /// That of all draws, if it was recorded.
+    seed: Option<u64>,
 }
 
 pub(super) fn compare(file: &Path, recording: &Recording) -> Result<Vec<Comparison>> {
-    let task = Task::parse(&recording.header.task)?;
+    let task = Task::parse(&recording.header.task)?.with_physics(recording.header.physics)?;
     check_team(&task, recording).map_err(|what| Error::io("verify", file, what))?;
+    check_draws(recording).map_err(|what| Error::io("verify", file, what))?;
     let outcome = Outcome::of(1, task.spec().n_agents());
-    let (mut world, mut found) = (World { environment: task.environment(1), outcome }, Found::default());
+    let (mut world, mut found) =
+        (World { environment: task.environment(1), outcome, seed: recording.header.seed }, Found::default());
     for (number, episode) in recording.episodes.iter().enumerate() {
         compare_steps(number, episode, &mut world, &mut found)?;
         run_freely(number, episode, &mut world, &mut found)?;
@@ -73,6 +77,18 @@ fn check_team(task: &Task, recording: &Recording) -> std::result::Result<(), Str
     }
 }
 
+/// Whether what is random in steps can be drawn again.
+fn check_draws(recording: &Recording) -> std::result::Result<(), String> {
+    let (header, mut episodes) = (&recording.header, recording.episodes.iter());
+    let addressed = header.seed.is_some() && episodes.all(|episode| episode.episode.is_some());
+    if header.physics.motor_noise > 0.0 && !addressed {
+        return Err(
+            "motor noise cannot be drawn again without `seed` and the number of each `episode`".to_owned()
+        );
+    }
+    Ok(())
+}
+
 fn compare_steps(number: usize, episode: &Episode, world: &mut World, found: &mut Found) -> Result<()> {
     let spec = world.environment.spec().clone();
     let mut observations = vec![0.0; spec.n_agents() * spec.padded_obs_dim()];
@@ -83,6 +99,7 @@ fn compare_steps(number: usize, episode: &Episode, world: &mut World, found: &mu
             compare_observation(observed, recorded, found.observations.at(number, step));
         }
     }
+    world.begin(episode)?;
     let mut total = 0.0;
     for (step, recorded) in episode.team_reward.iter().enumerate() {
         world.restore(episode, step)?;
@@ -101,6 +118,7 @@ fn compare_steps(number: usize, episode: &Episode, world: &mut World, found: &mu
 }
 
 fn run_freely(number: usize, episode: &Episode, world: &mut World, found: &mut Found) -> Result<()> {
+    world.begin(episode)?;
     world.restore(episode, 0)?;
     for step in 0..episode.actions.len() {
         world.step(episode, step)?;
@@ -110,6 +128,14 @@ fn run_freely(number: usize, episode: &Episode, world: &mut World, found: &mut F
 }
 
 impl World {
+    /// Begins an episode: what is random in its steps is drawn again, in their order.
+    fn begin(&mut self, episode: &Episode) -> Result<()> {
+        match self.seed.zip(episode.episode) {
+            Some((seed, number)) => self.environment.reset(0, seed, number),
+            None => Ok(()),
+        }
+    }
+
     /// Puts it into the state before a step.
     fn restore(&mut self, episode: &Episode, step: usize) -> Result<()> {
         let (state, last_actions) = episode.at(step, self.environment.spec().action_width());

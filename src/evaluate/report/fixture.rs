@@ -37,7 +37,7 @@ pub fn played(
     episodes: u64,
 ) -> (Evaluation, Summary) {
     let mut evaluation = Evaluation {
-        settings: Settings { episodes, seed: 0, greedy: false, comm_at_t0: true },
+        settings: Settings { episodes, comm_at_t0: true, ..Settings::default() },
         ..Evaluation::default()
     };
     for (task, full, seeds) in tasks {

@@ -20,9 +20,10 @@ pub fn tables(summary: &Summary) -> String {
         )
     };
     format!(
-        "Mean return +- standard deviation over policies (seeds), {} episodes each:\n\n{}\n\
+        "Mean return +- standard deviation over policies (seeds), {} episodes each{}:\n\n{}\n\
          Mean return [95 % interval]; score:\n\n{}",
         summary.settings.episodes,
+        summary.settings.physics.if_other(),
         table(summary, deviation),
         table(summary, interval)
     ) + &summary.claims.iter().map(claims).collect::<String>()

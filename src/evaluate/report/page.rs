@@ -44,7 +44,7 @@ fn section(html: &mut Html, id: &str, heading: &str) {
 }
 
 fn introduction(html: &mut Html, summary: &Summary, provenance: &Provenance) {
-    let Settings { episodes, seed, greedy, comm_at_t0 } = summary.settings;
+    let Settings { episodes, seed, greedy, comm_at_t0, physics } = summary.settings;
     html.element(
         "p",
         "What frozen policies still bring in while the links between their agents lose observations, and an imputer \
@@ -63,6 +63,7 @@ fn introduction(html: &mut Html, summary: &Summary, provenance: &Provenance) {
             "at t = 0",
             if comm_at_t0 { "everything is delivered" } else { "links lose as they do later" }.to_owned(),
         ),
+        ("physics", physics.to_string()),
         ("made", format!("{} by {}", provenance.date, provenance.program)),
     ];
     html.list(settings.map(|(term, value)| (term.to_owned(), value)));

@@ -8,11 +8,12 @@ use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary,
 pub fn text(summary: &Summary) -> String {
     let groups = summary.groups.iter().map(|group| {
         let heading = format!(
-            "{}, {} ({}), {} episodes each; uniform actions {}\n\n",
+            "{}, {} ({}), {} episodes each{}; uniform actions {}\n\n",
             words::group(group),
             words::policies(group.contenders.len()),
             words::seeds(summary, group),
             summary.settings.episodes,
+            summary.settings.physics.if_other(),
             words::plus_minus(&group.random, 1)
         );
         heading + &outcomes(group) + &overall(group)
