@@ -4,6 +4,7 @@ mod common;
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use common::{Swarm, assert_gone, command, fail, run, stderr, succeed};
@@ -42,6 +43,98 @@ fn the_same_numbers_wherever_agents_run() {
     }
     let other = findings(&json(&format!("{SMALL} --json --in-process --seed 1")));
     assert_ne!(other["groups"], processes["groups"], "another seed is another sample");
+}
+
+/// A sweep of a second or less under these links too.
+fn under(links: &[&str], words: &str) -> Command {
+    let mut command = command(&format!("{SMALL} --imputers value-aware,dynamics {words}"));
+    links.iter().for_each(|links| {
+        command.args(["--links", links]);
+    });
+    command
+}
+
+#[test]
+fn any_links_can_be_a_condition() {
+    let links = ["gilbert(0.2,0.3) + delay(1, 1)", "delay(2)"];
+    let of = |words: &str| {
+        let output = under(&links, words).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        findings(&serde_json::from_slice(&output.stdout).unwrap())
+    };
+    let processes = of("--json");
+    for words in ["--json --in-process --threads 2 --worlds 7", "--json --worlds 30"] {
+        assert_eq!(of(words), processes, "{words}");
+    }
+    let imputers = |all: &Value| all["groups"][0]["imputers"].as_array().unwrap().clone();
+    for imputer in imputers(&processes) {
+        let cells = imputer["cells"].as_array().unwrap();
+        let names: Vec<&Value> = cells[5..].iter().map(|cell| &cell["condition"]).collect();
+        assert_eq!(names, ["gilbert(0.2, 0.3) + delay(1, 1)", "delay(2, 0)"]);
+        let scores: Vec<f64> = cells.iter().map(|cell| cell["score"]["value"].as_f64().unwrap()).collect();
+        assert!(scores[5] != scores[6] && scores[5] != 1.0, "{scores:?}");
+        // Whoever knows what it did itself misses nothing that is late here.
+        let misses = scores[5..].iter().all(|score| *score < 0.999);
+        assert_eq!(misses, imputer["imputer"] == "value-aware", "{scores:?}");
+    }
+    // What was played before is played as before.
+    let without = findings(&json(&format!("{SMALL} --imputers value-aware,dynamics --in-process --json")));
+    for (imputer, before) in imputers(&processes).iter().zip(imputers(&without)) {
+        assert_eq!(imputer["cells"].as_array().unwrap()[..5], before["cells"].as_array().unwrap()[..]);
+        assert_eq!(imputer["score_area"], before["score_area"]);
+    }
+    // However it is written, a level is a level.
+    let level = under(&["level(p=0.3)"], "--json --in-process --modes dynamic --levels 1").output().unwrap();
+    let level: Value = serde_json::from_slice(&level.stdout).unwrap();
+    assert_eq!(imputers(&level)[0]["cells"][2], imputers(&without)[0]["cells"][1]);
+}
+
+#[test]
+fn cells_under_links_are_found_again_unless_the_links_have_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("who hears.txt");
+    fs::write(
+        &file,
+        "1 0.5
+1 1
+",
+    )
+    .unwrap();
+    let matrix = format!("matrix({}) + delay(1)", file.display());
+    let report = folder.path().join("report");
+    let play = || {
+        let links = ["gilbert(0.2, 0.3)", &matrix];
+        let words = format!("--in-process --report {}", report.display());
+        let output = under(&links, &words)
+            .args(["--require", "gilbert( 0.2,0.3 ) imputer=dynamics score>=0.5"])
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(stderr(&output).contains("gilbert(0.2, 0.3) imputer=dynamics score>=0.5: met"));
+        fs::read_to_string(report.join("cells.jsonl")).unwrap()
+    };
+    let cells = play();
+    // A header; p = 1 once; p = 0.3, three modes, and two links with both imputers.
+    assert_eq!(cells.lines().count(), 1 + 1 + 2 * 6);
+    for form in
+        [r#""condition":{"level":0.3},"#, r#""condition":"uniform","#, r#""condition":"gilbert(0.2, 0.3)","#]
+    {
+        assert_eq!(cells.matches(form).count(), 2, "{form}");
+    }
+    assert_eq!(play(), cells, "nothing is played twice");
+    let summary = fs::read_to_string(report.join("summary.csv")).unwrap();
+    assert!(summary.contains(r#","gilbert(0.2, 0.3)",,-"#), "{summary}");
+    assert!(fs::read_to_string(report.join("report.html")).unwrap().contains("<dt>gilbert(p, r)</dt>"));
+    fs::write(
+        &file,
+        "1 0.1
+1 1
+",
+    )
+    .unwrap();
+    let with_others = play();
+    assert_eq!(with_others.lines().count(), cells.lines().count() + 2, "other links are under the same name");
+    assert!(with_others.starts_with(&cells));
 }
 
 #[test]
@@ -179,6 +272,15 @@ fn requests_that_make_no_sense() {
     fail("evaluate builtin --task hear-see --levels 1,dynamic", 2, &["--levels", "dynamic"]);
     fail("evaluate builtin --task hear-see --levels 1,0.2,.2", 2, &["p=0.2 is there twice"]);
     fail("evaluate builtin --task hear-see --modes often", 2, &["--modes", "often", "dynamic"]);
+    fail(
+        "evaluate builtin --task hear-see --links gilbret(0.1,0.3)",
+        2,
+        &["no links `gilbret`", "nearest is `gilbert`"],
+    );
+    fail("evaluate builtin --task hear-see --links gilbert(0.1)", 2, &["`r` is missing", "gilbert(p, r)"]);
+    fail("evaluate builtin --task hear-see --links delay(101)", 2, &["ticks", "100"]);
+    fail("evaluate builtin --task hear-see --links level(0.20)", 2, &["--links: p=0.2 is there twice"]);
+    fail("evaluate builtin --task hear-see --require gilbert(0.1,0.3)score>=0.9", 2, &["is no requirement"]);
     fail("evaluate builtin --task hear-see --imputers lambda0", 2, &["builtin", "lambda0", "value-aware"]);
     fail("evaluate builtin --task hear-see --baseline lambda0", 2, &["--baseline", "lambda0"]);
     fail("evaluate builtin builtin --task hear-see", 2, &["the same policy"]);
@@ -188,6 +290,10 @@ fn requests_that_make_no_sense() {
     let policy = policy.display();
     fail(&format!("evaluate {policy} --task spread-xy-4"), 2, &["hear-see", "spread-xy-4"]);
     let folder = tempfile::tempdir().unwrap();
+    let matrix = folder.path().join("matrix");
+    fs::write(&matrix, "1 1\n1 1\n").unwrap();
+    let words = format!("evaluate hear-see/seed-0 spread-xy-4/seed-0 --links {}", matrix.display());
+    fail(&words, 2, &["4 agents need 4 rows"]);
     let file = folder.path().join("file");
     fs::write(&file, "").unwrap();
     let words = format!("{SMALL} --report {}", file.display());

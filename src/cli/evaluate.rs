@@ -17,13 +17,14 @@ use crate::bus::Wait;
 use crate::environment::{PhysicsSpec, Task};
 use crate::evaluate::report::{self, Provenance};
 use crate::evaluate::{Condition, Entrant, Place, Record, Requirement, Settings, Summary, Sweep, Verdict};
+use crate::link;
 use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
 use crate::usage;
 
 /// Measure how robust frozen policies are to links that fail
 #[derive(Debug, Args)]
-#[command(after_help = AFTER_HELP)]
+#[command(after_help = after_help())]
 pub struct Evaluate {
     /// Policies: files, folders with policy.safetensors, pretrained ones by name in a checkout (such as
     /// hear-see/seed-1), or builtin. Those of one task that were trained alike count as seeds
@@ -48,6 +49,10 @@ pub struct Evaluate {
     /// per 5 steps) [default: none]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     modes: Vec<String>,
+
+    /// Any links, listed below, as one more condition; may be given several times
+    #[arg(long, value_name = "LINKS|FILE")]
+    links: Vec<String>,
 
     #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy has"))]
     imputers: Vec<String>,
@@ -87,7 +92,7 @@ pub struct Evaluate {
     /// Exit with code 3 unless the low end of the 95 % interval of score, return or iqm reaches this, such as
     /// 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'; may be given several times
     #[arg(long, value_name = "REQUIREMENT")]
-    require: Vec<Requirement>,
+    require: Vec<String>,
 
     /// Print the results as one JSON object
     #[arg(long)]
@@ -120,17 +125,22 @@ enum Protocol {
 /// With fewer episodes a bootstrap is too sure of itself; see `docs/metrics.md`.
 const FEWEST_EPISODES: u64 = 20;
 
-const AFTER_HELP: &str = "\
+const EXAMPLES: &str = "\
 Examples:
   vamaro-swarm evaluate runs/hs-0
   vamaro-swarm evaluate runs/hs-*/policy.safetensors --report report/
   vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic
   vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
+  vamaro-swarm evaluate runs/hs-0 --levels 1 --links 'gilbert(0.1, 0.3) + delay(1, 1)' --links 'delay(2)'
   vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'    exits 3 if not
 
 All cells start from the same initial states, with the same draws of actions
 and links: imputers are compared on equal terms. docs/metrics.md defines the
 numbers.";
+
+fn after_help() -> String {
+    format!("{}\n\n{EXAMPLES}", link::help())
+}
 
 impl Evaluate {
     /// Runs the command.
@@ -197,7 +207,7 @@ impl Evaluate {
                 comm_at_t0: !self.no_comm_at_t0,
                 physics: self.physics,
             },
-            conditions: self.conditions()?,
+            conditions: self.conditions(&entrants)?,
             entrants,
             worlds: self.worlds as usize,
             place: if self.in_process {
@@ -208,20 +218,29 @@ impl Evaluate {
         })
     }
 
-    fn conditions(&self) -> Result<Vec<Condition>> {
-        let levels = self.levels.iter().map(|level| ("--levels", level, true));
-        let modes = self.modes.iter().map(|mode| ("--modes", mode, false));
+    /// Levels, modes and links, in this order.
+    fn conditions(&self, entrants: &[Entrant]) -> Result<Vec<Condition>> {
+        let level = |text: &String| {
+            let p = text.trim().trim_start_matches("p=").parse().ok();
+            let level = p.and_then(|p| Condition::level(p).ok());
+            level.ok_or_else(|| usage!("--levels: {text:?} is no probability between 0 and 1"))
+        };
+        let mode = |text: &String| match text.trim() {
+            mode @ ("uniform" | "asymmetric" | "dynamic") => Condition::parse(mode, 1),
+            _ => Err(usage!("--modes: {text:?} is none of uniform, asymmetric and dynamic")),
+        };
+        // A matrix is for teams of one size.
+        let links = |text: &String| {
+            let teams = entrants.iter().map(|entrant| entrant.task.spec().n_agents());
+            let read = teams.map(|agents| Condition::parse(text, agents));
+            read.reduce(|all, one| all.and(one)).expect("there are policies")
+        };
+        let all = self.levels.iter().map(|text| ("--levels", level(text)));
+        let all = all.chain(self.modes.iter().map(|text| ("--modes", mode(text))));
+        let all = all.chain(self.links.iter().map(|text| ("--links", links(text))));
         let mut conditions: Vec<Condition> = Vec::new();
-        for (option, text, is_level) in levels.chain(modes) {
-            let condition =
-                text.trim().parse().ok().filter(|found: &Condition| found.level().is_some() == is_level);
-            let condition = condition.ok_or_else(|| {
-                if is_level {
-                    usage!("{option}: {text:?} is no probability between 0 and 1")
-                } else {
-                    usage!("{option}: {text:?} is none of uniform, asymmetric and dynamic")
-                }
-            })?;
+        for (option, condition) in all {
+            let condition = condition?;
             if conditions.contains(&condition) {
                 return Err(usage!("{option}: {condition} is there twice"));
             }
@@ -279,12 +298,15 @@ impl Evaluate {
 
     /// The requirements, each with its imputer. An error for one that nothing of what is played can meet.
     fn requirements(&self, sweep: &Sweep) -> Result<Vec<Requirement>> {
-        let with_imputer = |requirement: &Requirement| {
+        let agents = sweep.entrants[0].task.spec().n_agents();
+        let with_imputer = |text: &String| {
+            let requirement =
+                Requirement::parse(text, agents).map_err(|error| usage!("--require {error}"))?;
             let wrong = |why: String| usage!("--require '{requirement}': {why}");
             if !sweep.conditions.contains(&requirement.condition) {
                 return Err(wrong(format!("{} is not played", requirement.condition)));
             }
-            if requirement.needs_lossless() && !sweep.conditions.contains(&Condition::Level(1.0)) {
+            if requirement.needs_lossless() && !sweep.conditions.iter().any(Condition::is_lossless) {
                 return Err(wrong("a score needs p = 1, add it to --levels".to_owned()));
             }
             if sweep.settings.episodes < FEWEST_EPISODES {
@@ -308,7 +330,7 @@ impl Evaluate {
                 let why = "by themselves these policies use different imputers; name one, as in 'p=0.2 imputer=hold ..'";
                 return Err(wrong(why.to_owned()));
             }
-            Ok(Requirement { imputer: names.into_iter().next(), ..requirement.clone() })
+            Ok(Requirement { imputer: names.into_iter().next(), ..requirement })
         };
         self.require.iter().map(with_imputer).collect()
     }

@@ -1,7 +1,7 @@
 //! Scores over tasks.
 
 use super::bootstrap::{Bootstrap, Stratum};
-use super::evaluation::Condition;
+use super::condition::Condition;
 use super::grouping::distinct;
 use super::study::Study;
 use super::summary::Aggregate;
@@ -15,14 +15,14 @@ pub(super) fn aggregates(studies: &[Study], seed: u64, threads: usize) -> Result
     let kinds = distinct(studies.iter().flat_map(|study| {
         study.group.cells.iter().map(|cell| (&study.group.label[..], cell.condition, cell.imputer))
     }));
-    let aggregate = |kind: &(&str, Condition, &str)| aggregate(studies, &tasks, *kind, seed, threads);
+    let aggregate = |kind: &(&str, &Condition, &str)| aggregate(studies, &tasks, *kind, seed, threads);
     kinds.iter().filter_map(|kind| aggregate(kind).transpose()).collect()
 }
 
 fn aggregate(
     studies: &[Study],
     tasks: &[&str],
-    (label, condition, imputer): (&str, Condition, &str),
+    (label, condition, imputer): (&str, &Condition, &str),
     seed: u64,
     threads: usize,
 ) -> Result<Option<Aggregate>> {
@@ -52,7 +52,7 @@ fn aggregate(
     let bootstrap = Bootstrap::new(seed, &strata, threads, look)?;
     Ok(Some(Aggregate {
         label: label.to_owned(),
-        condition,
+        condition: condition.clone(),
         imputer: imputer.to_owned(),
         tasks: played,
         runs: scores.len(),

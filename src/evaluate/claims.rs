@@ -1,6 +1,5 @@
 //! What the paper claims of its imputer, of our policies.
 
-use super::evaluation::Condition;
 use super::grouping::distinct;
 use super::summary::{CellSummary, Claim, Claims, Group, Summary};
 use super::weighted::relative;
@@ -73,11 +72,12 @@ impl Claims {
 
 fn cell<'a>(group: &'a Group, imputer: &str, p: f64) -> Option<&'a CellSummary> {
     let imputer = group.imputers.iter().find(|summary| summary.imputer == imputer)?;
-    imputer.cells.iter().find(|cell| cell.condition == Condition::Level(p))
+    imputer.cells.iter().find(|cell| cell.condition.p() == Some(p))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::condition::Condition;
     use super::super::evaluation::Settings;
     use super::super::summary::{ImputerSummary, Interval};
     use super::*;
@@ -96,7 +96,7 @@ mod tests {
 
     fn summary() -> Summary {
         let cell = |p: f64, (value, std): (f64, f64)| CellSummary {
-            condition: Condition::Level(p),
+            condition: Condition::level(p).unwrap(),
             seed_means: vec![value; 3],
             seed_std: Some(std),
             mean: Interval { value, ..Interval::default() },

@@ -1,12 +1,9 @@
 //! What was played: the returns and errors of every cell, as they came.
 
-use std::fmt;
-use std::str::FromStr;
-
 use serde::{Deserialize, Serialize};
 
+use super::condition::Condition;
 use crate::environment::{PhysicsSpec, Unit};
-use crate::link::LinkSpec;
 
 /// A sweep: policies, each played under every condition with every imputer.
 ///
@@ -84,20 +81,6 @@ pub struct Cell {
     pub outcome: Outcome,
 }
 
-/// How links behave in a cell.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Condition {
-    /// Every link delivers with this probability p.
-    Level(f64),
-    /// One p ~ U(0, 1) per episode.
-    Uniform,
-    /// A matrix of p_ij ~ U(0, 1) per episode.
-    Asymmetric,
-    /// That matrix, redrawn every 5 steps.
-    Dynamic,
-}
-
 /// What came of a cell.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
@@ -140,68 +123,6 @@ pub struct Calibration {
     pub within_50: u64,
     /// Values within its central 95 % interval.
     pub within_95: u64,
-}
-
-impl Condition {
-    /// p, where all links share one.
-    pub fn level(self) -> Option<f64> {
-        match self {
-            Condition::Level(p) => Some(p),
-            _ => None,
-        }
-    }
-
-    /// `level`, or the name of the mode.
-    pub fn name(self) -> &'static str {
-        match self {
-            Condition::Level(_) => "level",
-            Condition::Uniform => "uniform",
-            Condition::Asymmetric => "asymmetric",
-            Condition::Dynamic => "dynamic",
-        }
-    }
-
-    /// Whether everything is delivered, always.
-    pub fn is_lossless(self) -> bool {
-        self == Condition::Level(1.0)
-    }
-
-    /// The links that behave so.
-    pub fn links(self) -> LinkSpec {
-        let links = match self {
-            Condition::Level(p) => LinkSpec::level(p),
-            // Links of any number of agents.
-            mode => LinkSpec::parse(mode.name(), 1),
-        };
-        links.expect("a condition is in the registry of links")
-    }
-}
-
-/// `p=0.2`, or the name of the mode.
-impl fmt::Display for Condition {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        match self {
-            Condition::Level(p) => write!(f, "p={p}"),
-            mode => f.write_str(mode.name()),
-        }
-    }
-}
-
-impl FromStr for Condition {
-    type Err = String;
-
-    /// Reads `p=0.2`, a level alone, or the name of a mode.
-    fn from_str(text: &str) -> Result<Condition, String> {
-        let modes = [Condition::Uniform, Condition::Asymmetric, Condition::Dynamic];
-        if let Some(mode) = modes.into_iter().find(|mode| mode.to_string() == text) {
-            return Ok(mode);
-        }
-        match text.strip_prefix("p=").unwrap_or(text).parse::<f64>() {
-            // Adding zero turns -0 into 0.
-            Ok(p) if (0.0..=1.0).contains(&p) => Ok(Condition::Level(p + 0.0)),
-            _ => Err(format!("{text:?} is neither a probability between 0 and 1 nor a mode")),
-        }
-    }
 }
 
 impl Outcome {

@@ -1,6 +1,7 @@
 //! Which policies were trained alike, and what they played.
 
-use super::evaluation::{Condition, Evaluation, Outcome};
+use super::condition::Condition;
+use super::evaluation::{Evaluation, Outcome};
 use crate::base::table::thousands;
 
 /// Policies of one task that were trained alike.
@@ -19,7 +20,7 @@ pub(super) struct Alike<'a> {
 
 impl Alike<'_> {
     /// The cell of this imputer and condition.
-    pub fn find(&self, imputer: &str, condition: Condition) -> Option<usize> {
+    pub fn find(&self, imputer: &str, condition: &Condition) -> Option<usize> {
         self.cells.iter().position(|cell| cell.imputer == imputer && cell.condition == condition)
     }
 }
@@ -27,7 +28,7 @@ impl Alike<'_> {
 /// One condition with one imputer, played by some of the group or all.
 pub(super) struct Played<'a> {
     /// How links behave.
-    pub condition: Condition,
+    pub condition: &'a Condition,
     /// Name of the imputer.
     pub imputer: &'a str,
     /// What came of it, contender by contender; `None` for one that did not play it.
@@ -61,12 +62,12 @@ pub(super) fn groups(evaluation: &Evaluation) -> Vec<Alike<'_>> {
 /// What these contenders played.
 fn played<'a>(evaluation: &'a Evaluation, contenders: &[usize]) -> Vec<Played<'a>> {
     let cells: Vec<_> = evaluation.cells.iter().filter(|cell| contenders.contains(&cell.contender)).collect();
-    let kinds = distinct(cells.iter().map(|cell| (cell.condition, &cell.imputer[..])));
+    let kinds = distinct(cells.iter().map(|cell| (&cell.condition, &cell.imputer[..])));
     let played = |(condition, imputer)| {
         let of = |contender: &usize| {
             let wanted = (*contender, condition, imputer);
             let cell =
-                cells.iter().find(|cell| (cell.contender, cell.condition, &cell.imputer[..]) == wanted);
+                cells.iter().find(|cell| (cell.contender, &cell.condition, &cell.imputer[..]) == wanted);
             cell.map(|cell| &cell.outcome)
         };
         Played { condition, imputer, outcomes: contenders.iter().map(of).collect() }

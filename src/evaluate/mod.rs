@@ -7,6 +7,7 @@
 mod aggregate;
 mod bootstrap;
 mod claims;
+mod condition;
 mod curve;
 mod errors;
 mod estimate;
@@ -24,7 +25,8 @@ mod sweep;
 mod tests;
 mod weighted;
 
-pub use evaluation::{AgeErrors, Calibration, Condition, Evaluation, Settings, UnitErrors};
+pub use condition::Condition;
+pub use evaluation::{AgeErrors, Calibration, Evaluation, Settings, UnitErrors};
 #[cfg(test)]
 use evaluation::{Cell, Contender, Outcome, RandomTeam};
 pub use record::Record;

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::{FlockOperation, flock};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::evaluation::{Condition, Outcome, Settings};
+use super::evaluation::{Outcome, Settings};
 use crate::base::error::{Error, Result};
 use crate::nn::kernels;
 use crate::usage;
@@ -44,7 +45,8 @@ struct FirstLine {
 pub(super) struct Key {
     /// That of the policy.
     pub(super) fingerprint: String,
-    pub(super) condition: Condition,
+    /// As it is written: the links of a condition may hold a matrix, whose file is no longer what it was.
+    pub(super) condition: Value,
     /// `None` where everything is delivered, so that nobody imputes.
     pub(super) imputer: Option<String>,
 }
@@ -202,8 +204,11 @@ mod tests {
     use super::*;
 
     fn key(imputer: &str) -> Key {
-        let condition = Condition::Level(0.2);
-        Key { fingerprint: "0123456789abcdef".to_owned(), condition, imputer: Some(imputer.to_owned()) }
+        Key {
+            fingerprint: "0123456789abcdef".to_owned(),
+            condition: serde_json::json!({"level": 0.2}),
+            imputer: Some(imputer.to_owned()),
+        }
     }
 
     fn settings(episodes: u64) -> Settings {

@@ -1,10 +1,11 @@
 //! Requirements: what a team must reach, for a CI to check.
 
 use std::fmt;
-use std::str::FromStr;
 
-use super::evaluation::Condition;
+use super::condition::Condition;
 use super::summary::{CellSummary, Group, Interval, Summary};
+use crate::base::error::Result;
+use crate::usage;
 
 /// `CONDITION [imputer=NAME] METRIC>=BOUND`, such as `p=0.2 score>=0.9`. It is met if the low end of the 95 %
 /// interval reaches the bound.
@@ -43,6 +44,38 @@ pub struct Verdict {
 }
 
 impl Requirement {
+    /// Reads a requirement of a team of `agents`.
+    ///
+    /// # Errors
+    /// `Usage` if it is none.
+    pub fn parse(text: &str, agents: usize) -> Result<Requirement> {
+        let wrong = |why: &str| {
+            usage!(
+                "{text:?} is no requirement{why}; write one like 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'"
+            )
+        };
+        let (rest, bound) = text.rsplit_once(">=").ok_or_else(|| wrong(""))?;
+        let (rest, metric) = rest.trim().rsplit_once(char::is_whitespace).ok_or_else(|| wrong(""))?;
+        let metrics = [Metric::Score, Metric::Return, Metric::Iqm];
+        let metric = metrics.into_iter().find(|known| known.name() == metric).ok_or_else(|| wrong(""))?;
+        let bound = bound.trim().parse().ok().filter(|bound: &f64| bound.is_finite());
+        let named = rest.rsplit_once("imputer").and_then(|(condition, name)| {
+            Some((condition, name.trim_start().strip_prefix('=')?.trim().to_owned()))
+        });
+        let (condition, imputer) = named.map_or((rest, None), |(condition, name)| (condition, Some(name)));
+        if imputer.as_ref().is_some_and(|name| name.is_empty() || name.contains(char::is_whitespace)) {
+            return Err(wrong(""));
+        }
+        let condition = condition.trim();
+        let level = condition.strip_prefix('p').and_then(|rest| rest.trim_start().strip_prefix('='));
+        let condition = match level.unwrap_or(condition).trim().parse() {
+            Ok(p) => Condition::level(p),
+            Err(_) => Condition::parse(condition, agents),
+        };
+        let condition = condition.map_err(|error| wrong(&format!(": {error}")))?;
+        Ok(Requirement { condition, imputer, metric, bound: bound.ok_or_else(|| wrong(""))? })
+    }
+
     /// Whether it can only be checked where p = 1 was played.
     pub fn needs_lossless(&self) -> bool {
         self.metric == Metric::Score
@@ -113,48 +146,19 @@ impl fmt::Display for Requirement {
     }
 }
 
-impl FromStr for Requirement {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Requirement, String> {
-        let help = || {
-            format!(
-                "{text:?} is no requirement; write one like 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'"
-            )
-        };
-        // Spaces around the signs are as good as none.
-        let text = text.replace(">=", " >= ").replace('=', " = ").replace("> =", ">=");
-        let words: Vec<&str> = text.split_whitespace().collect();
-        let (condition, rest) = match &words[..] {
-            ["p", "=", p, rest @ ..] => (format!("p={p}").parse(), rest),
-            [mode, rest @ ..] => (mode.parse(), rest),
-            [] => return Err(help()),
-        };
-        let (imputer, rest) = match rest {
-            ["imputer", "=", name, rest @ ..] => (Some((*name).to_owned()), rest),
-            _ => (None, rest),
-        };
-        let [metric, ">=", bound] = rest else { return Err(help()) };
-        let metrics = [Metric::Score, Metric::Return, Metric::Iqm];
-        let metric = metrics.into_iter().find(|known| known.name() == *metric).ok_or_else(help)?;
-        let bound = bound.parse().ok().filter(|bound: &f64| bound.is_finite()).ok_or_else(help)?;
-        Ok(Requirement { condition: condition.map_err(|_| help())?, imputer, metric, bound })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn parse(text: &str) -> Requirement {
-        text.parse().unwrap()
+        Requirement::parse(text, 2).unwrap()
     }
 
     #[test]
     fn requirements_are_read_as_they_are_written() {
         let score = parse("p=0.2 score>=0.9");
         let expected = Requirement {
-            condition: Condition::Level(0.2),
+            condition: Condition::level(0.2).unwrap(),
             imputer: None,
             metric: Metric::Score,
             bound: 0.9,
@@ -162,8 +166,13 @@ mod tests {
         assert_eq!(score, expected);
         assert_eq!(parse(" p = .2   score >= 0.90 "), expected);
         let mode = parse("dynamic imputer=maro return>=-40");
-        assert_eq!((mode.condition, mode.imputer.as_deref()), (Condition::Dynamic, Some("maro")));
-        for text in ["p=0.2 score>=0.9", "dynamic imputer=maro return>=-40", "p=0 iqm>=-1.5"] {
+        assert_eq!((mode.condition.name(), mode.imputer.as_deref()), ("dynamic", Some("maro")));
+        for text in [
+            "p=0.2 score>=0.9",
+            "dynamic imputer=maro return>=-40",
+            "p=0 iqm>=-1.5",
+            "gilbert(0.1, 0.3) + delay(1, 1) imputer=hold score>=0.5",
+        ] {
             assert_eq!(parse(text).to_string(), text);
         }
         for wrong in [
@@ -179,8 +188,14 @@ mod tests {
             "p=0.2 imputer= score>=0.9",
             "often score>=1",
         ] {
-            assert!(wrong.parse::<Requirement>().is_err(), "{wrong}");
+            assert!(Requirement::parse(wrong, 2).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn wrong_links_say_what_would_be_right() {
+        let error = Requirement::parse("gilbret(0.1, 0.3) score>=0.5", 2).unwrap_err().to_string();
+        assert!(error.contains("is no requirement") && error.contains("nearest is `gilbert`"), "{error}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::bootstrap::{Bootstrap, Stratum};
 use super::curve::{lowest_p, mean_height};
-use super::evaluation::{Condition, UnitErrors};
+use super::evaluation::UnitErrors;
 use super::grouping::{Alike, distinct};
 use super::sample::{Sample, Sampler};
 use super::summary::{CellSummary, Comparison, Group, ImputerSummary, Interval};
@@ -62,10 +62,7 @@ impl<'a> Study<'a> {
     fn imputer(&self, imputer: &str) -> ImputerSummary {
         let cells: Vec<usize> =
             (0..self.group.cells.len()).filter(|at| self.group.cells[*at].imputer == imputer).collect();
-        let level = |at: &usize| match self.group.cells[*at].condition {
-            Condition::Level(p) => Some((p, *at)),
-            _ => None,
-        };
+        let level = |at: &usize| self.group.cells[*at].condition.p().map(|p| (p, *at));
         let mut levels: Vec<(f64, usize)> = cells.iter().filter_map(level).collect();
         levels.sort_by(|(a, _), (b, _)| a.total_cmp(b));
         let returns = |sample: &Sample| -> Vec<(f64, f64)> {
@@ -89,7 +86,7 @@ impl<'a> Study<'a> {
     fn cell(&self, cell: usize) -> CellSummary {
         let seed_means = self.bootstrap.estimate.means(cell);
         CellSummary {
-            condition: self.group.cells[cell].condition,
+            condition: self.group.cells[cell].condition.clone(),
             seed_std: std(&seed_means),
             mean: self.bootstrap.interval(|sample| mean(&sample.means(cell))),
             iqm: self.bootstrap.interval(|sample| sample.iqm(cell)),
@@ -141,6 +138,7 @@ impl<'a> Study<'a> {
 
     /// The cell of the same imputer where everything is delivered.
     fn lossless(&self, cell: usize) -> Option<usize> {
-        self.group.find(self.group.cells[cell].imputer, Condition::Level(1.0))
+        let imputer = self.group.cells[cell].imputer;
+        self.group.cells.iter().position(|cell| cell.imputer == imputer && cell.condition.is_lossless())
     }
 }

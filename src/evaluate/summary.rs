@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use super::evaluation::{Condition, Contender, Settings, UnitErrors};
+use super::condition::Condition;
+use super::evaluation::{Contender, Settings, UnitErrors};
 
 /// The statistics of an [`Evaluation`](super::Evaluation). `docs/metrics.md` defines each.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -4,7 +4,8 @@ use std::sync::{Mutex, PoisonError};
 
 use serde_json::json;
 
-use super::evaluation::{Cell, Condition, Contender, Evaluation, Outcome, RandomTeam, Settings};
+use super::condition::Condition;
+use super::evaluation::{Cell, Contender, Evaluation, Outcome, RandomTeam, Settings};
 use super::play::{play, play_at_random};
 use super::record::{Key, Record};
 use crate::agent::{AgentSettings, PolicySource, Registry};
@@ -58,7 +59,7 @@ pub enum Place {
 /// A cell that is to be played. Where everything is delivered one stands for those of all imputers.
 struct Job<'a> {
     entrant: &'a Entrant,
-    condition: Condition,
+    condition: &'a Condition,
     imputer: Option<&'a str>,
 }
 
@@ -128,9 +129,9 @@ impl Sweep {
 
     /// Entrant by entrant, condition by condition, imputer by imputer.
     fn jobs(&self) -> Vec<Job<'_>> {
-        let conditions = |entrant| self.conditions.iter().map(move |condition| (entrant, *condition));
+        let conditions = |entrant| self.conditions.iter().map(move |condition| (entrant, condition));
         let cells = self.entrants.iter().flat_map(conditions);
-        let jobs = cells.flat_map(|(entrant, condition): (&Entrant, _)| {
+        let jobs = cells.flat_map(|(entrant, condition): (&Entrant, &Condition)| {
             let imputers: Vec<_> = if condition.is_lossless() {
                 vec![None]
             } else {
@@ -192,7 +193,8 @@ impl Sweep {
             let contender = contender.expect("jobs are of these entrants");
             let all = entrant.imputers.iter().map(String::as_str);
             for imputer in all.filter(|name| imputer.is_none_or(|one| one == *name)) {
-                let (condition, imputer, outcome) = (*condition, imputer.to_owned(), outcome.clone());
+                let (condition, imputer, outcome) =
+                    ((*condition).clone(), imputer.to_owned(), outcome.clone());
                 cells.push(Cell { contender, condition, imputer, outcome });
             }
         }
@@ -205,7 +207,7 @@ impl Job<'_> {
     fn key(&self) -> Key {
         Key {
             fingerprint: self.entrant.contender.fingerprint.clone(),
-            condition: self.condition,
+            condition: serde_json::to_value(self.condition).expect("a condition is text and numbers"),
             imputer: self.imputer.map(str::to_owned),
         }
     }

@@ -9,7 +9,7 @@ use crate::base::error::Result;
 use crate::usage;
 
 /// Models of the registry in a chain, each with its arguments: the data from which links are built.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LinkSpec {
     /// There is at least one.
     parts: Vec<Part>,
@@ -78,6 +78,19 @@ impl LinkSpec {
         self.alone("matrix").map(|argument| &**argument.matrix())
     }
 
+    /// The models, in the order of the chain.
+    pub fn models(&self) -> impl Iterator<Item = &'static Model> {
+        self.parts.iter().map(|part| part.model)
+    }
+
+    /// The matrices that have been read for it, in the order of the chain.
+    pub fn matrices(&self) -> impl Iterator<Item = &CommunicationMatrix> {
+        self.parts.iter().flat_map(|part| &part.arguments).filter_map(|argument| match argument {
+            Argument::Matrix(matrix) => Some(&**matrix),
+            Argument::Number(_) => None,
+        })
+    }
+
     /// What recordings call the links: only the name for a model whose p or matrix they hold beside it, else all of the
     /// text.
     pub(crate) fn recorded_name(&self) -> String {
@@ -125,6 +138,12 @@ impl LinkSpec {
             [Part { model, arguments }] if model.name == name => arguments.first(),
             _ => None,
         }
+    }
+}
+
+impl PartialEq for Part {
+    fn eq(&self, other: &Part) -> bool {
+        (self.model.name, &self.arguments) == (other.model.name, &other.arguments)
     }
 }
 

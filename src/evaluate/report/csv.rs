@@ -32,7 +32,7 @@ fn summary_row(group: &Group, imputer: &ImputerSummary, cell: &CellSummary) -> V
         field(&group.label),
         cell.seed_means.len().to_string(),
         field(&imputer.imputer),
-        condition(cell.condition),
+        condition(&cell.condition),
     ];
     let comparison = cell.comparison.as_ref();
     row.extend(interval(Some(cell.mean)));
@@ -61,7 +61,7 @@ pub fn episodes(evaluation: &Evaluation) -> String {
     for cell in &evaluation.cells {
         let contender = &evaluation.contenders[cell.contender];
         let (task, name, imputer) = (field(&contender.task), field(&contender.name), field(&cell.imputer));
-        add(&format!("{task},{name},{imputer},{}", condition(cell.condition)), &cell.outcome.returns);
+        add(&format!("{task},{name},{imputer},{}", condition(&cell.condition)), &cell.outcome.returns);
     }
     text
 }
@@ -100,8 +100,8 @@ fn errors_row(errors: &AgeErrors) -> String {
 }
 
 /// A condition in two fields: its name and its level.
-fn condition(condition: Condition) -> String {
-    format!("{},{}", condition.name(), optional(condition.level()))
+fn condition(condition: &Condition) -> String {
+    format!("{},{}", field(condition.name()), optional(condition.p()))
 }
 
 /// An estimate and the ends of its interval, in three fields.

@@ -20,11 +20,11 @@ pub fn difference(groups: &[Group], imputers: &[&str]) -> Figure {
     let difference = |group: &Group, imputer: &ImputerSummary, cell: &CellSummary| match &cell.comparison {
         Some(comparison) => Some(comparison.difference),
         None if group.baseline.as_ref() == Some(&imputer.imputer) => Some(Interval::default()),
-        None => (cell.condition.level() == Some(1.0)).then(Interval::default),
+        None => (cell.condition.p() == Some(1.0)).then(Interval::default),
     };
     let compared = groups.iter().filter(|group| {
         let mut cells = group.imputers.iter().flat_map(|imputer| &imputer.cells);
-        cells.any(|cell| cell.comparison.is_some() && cell.condition.level().is_some())
+        cells.any(|cell| cell.comparison.is_some() && cell.condition.p().is_some())
     });
     let baselines = distinct(compared.clone().filter_map(|group| group.baseline.as_deref()));
     Figure {
@@ -67,7 +67,7 @@ fn over_p(
     let points = |imputer: &ImputerSummary| {
         let cells = imputer.cells.iter().filter_map(|cell| {
             let Interval { value, low, high } = estimate(group, imputer, cell)?;
-            Some(Point { x: cell.condition.level()?, y: value, band: Some((low, high)) })
+            Some(Point { x: cell.condition.p()?, y: value, band: Some((low, high)) })
         });
         let mut points: Vec<Point> = cells.collect();
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
@@ -147,7 +147,7 @@ mod tests {
     fn modes_alone_give_no_figure() {
         let (_, mut summary) = fixture::two_tasks();
         for imputer in summary.groups.iter_mut().flat_map(|group| &mut group.imputers) {
-            imputer.cells.retain(|cell| cell.condition.level().is_none());
+            imputer.cells.retain(|cell| cell.condition.p().is_none());
         }
         assert!(robustness(&summary.groups, &["hold"]).panels.is_empty());
     }

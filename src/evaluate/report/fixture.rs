@@ -13,10 +13,18 @@ pub type Played<'a> = (&'a str, f64, usize);
 
 /// Three policies of one task and two of another, at three levels and in a mode, with three imputers.
 pub fn two_tasks() -> (Evaluation, Summary) {
-    let conditions = [1.0, 0.2, 0.0].map(Condition::Level);
-    let conditions = [&conditions[..], &[Condition::Dynamic]].concat();
+    let conditions = conditions(&["1", "0.2", "0", "dynamic"]);
     let tasks = [("hear-see", -24.0, 3), ("spread-xy-2", -151.0, 2)];
     played(&tasks, &conditions, &["value-aware", "maro", "hold"], 20)
+}
+
+/// Levels by their p, and links.
+pub fn conditions(texts: &[&str]) -> Vec<Condition> {
+    let condition = |text: &&str| match text.parse() {
+        Ok(p) => Condition::level(p).unwrap(),
+        Err(_) => Condition::parse(text, 2).unwrap(),
+    };
+    texts.iter().map(condition).collect()
 }
 
 pub fn provenance() -> Provenance {
@@ -49,10 +57,10 @@ pub fn played(
             evaluation.contenders.push(contender_of(task, seed));
             for condition in conditions {
                 for (rank, imputer) in imputers.iter().enumerate() {
-                    let lost = 1.0 - condition.level().unwrap_or(0.5);
+                    let lost = 1.0 - condition.p().unwrap_or(0.5);
                     let level = full * (1.0 + 0.25 * (rank + 1) as f64 * lost.powi(2) + 0.01 * seed as f64);
                     let outcome = Outcome { returns: returns(level, seed, episodes), errors: errors(rank) };
-                    let (condition, imputer) = (*condition, (*imputer).to_owned());
+                    let (condition, imputer) = (condition.clone(), (*imputer).to_owned());
                     evaluation.cells.push(Cell { contender, condition, imputer, outcome });
                 }
             }
@@ -121,9 +129,10 @@ fn group(evaluation: &Evaluation, task: &str, conditions: &[Condition], imputers
     let random = evaluation.random.iter().find(|random| random.task == task).unwrap();
     let random = interval(&random.returns);
     let baseline = imputers.get(1).copied();
-    let played = |condition: Condition, imputer: &str| -> Vec<&[f64]> {
-        let same =
-            |cell: &&Cell| of_task(&cell.contender) && cell.condition == condition && cell.imputer == imputer;
+    let played = |condition: &Condition, imputer: &str| -> Vec<&[f64]> {
+        let same = |cell: &&Cell| {
+            of_task(&cell.contender) && cell.condition == *condition && cell.imputer == imputer
+        };
         evaluation.cells.iter().filter(same).map(|cell| &cell.outcome.returns[..]).collect()
     };
     let imputer = |imputer: &&str| {
@@ -131,13 +140,13 @@ fn group(evaluation: &Evaluation, task: &str, conditions: &[Condition], imputers
             .iter()
             .map(|condition| {
                 let means = |runs: &[&[f64]]| runs.iter().map(|run| mean(run)).collect::<Vec<_>>();
-                let (runs, full) = (played(*condition, imputer), played(Condition::Level(1.0), imputer));
+                let (runs, full) = (played(condition, imputer), played(&conditions[0], imputer));
                 let (seed_means, estimate) = (means(&runs), interval(&runs.concat()));
                 let share = |value: f64| (value - random.value) / (mean(&full.concat()) - random.value);
                 let score = scaled(&estimate, share);
-                let compared = baseline.filter(|name| name != imputer && condition.level() != Some(1.0));
+                let compared = baseline.filter(|name| name != imputer && condition.p() != Some(1.0));
                 let comparison = compared.map(|name| {
-                    let other = played(*condition, name);
+                    let other = played(condition, name);
                     let pairs = runs.concat().into_iter().zip(other.concat());
                     let differences: Vec<f64> = pairs.map(|(here, there)| here - there).collect();
                     let better = differences.iter().filter(|difference| **difference > 0.0).count() as f64;
@@ -156,7 +165,7 @@ fn group(evaluation: &Evaluation, task: &str, conditions: &[Condition], imputers
                     }
                 });
                 CellSummary {
-                    condition: *condition,
+                    condition: condition.clone(),
                     seed_std: std(&seed_means),
                     seed_means,
                     mean: estimate,
@@ -193,7 +202,7 @@ fn aggregates(groups: &[Group], conditions: &[Condition], imputers: &[&str]) -> 
             let score = groups[0].imputers[rank].cells[at].score.unwrap();
             aggregates.push(Aggregate {
                 label: "mappo".to_owned(),
-                condition: *condition,
+                condition: condition.clone(),
                 imputer: (*imputer).to_owned(),
                 tasks: groups.iter().map(|group| group.task.clone()).collect(),
                 runs: groups.iter().map(|group| group.contenders.len()).sum(),

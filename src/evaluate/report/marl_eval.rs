@@ -19,7 +19,7 @@ pub fn marl_eval(evaluation: &Evaluation, summary: &Summary) -> String {
             Some((group, group.contenders.iter().position(|contender| *contender == cell.contender)?))
         });
         for (group, run) in found {
-            let environment = format!("{} {}", group.label, words::condition(cell.condition));
+            let environment = format!("{} {}", group.label, words::condition(&cell.condition));
             // It takes no commas in the names of algorithms, and keeps nothing but the mean of a step.
             let algorithm = cell.imputer.replace(',', ";");
             let returns = &cell.outcome.returns;
@@ -49,7 +49,7 @@ mod tests {
         assert_eq!(environments.len(), 4);
         let run = &read["mappo p = 0.2"]["hear-see"]["value-aware"]["run_3"];
         let played = evaluation.cells.iter().find(|cell| {
-            cell.contender == 2 && cell.condition.level() == Some(0.2) && cell.imputer == "value-aware"
+            cell.contender == 2 && cell.condition.p() == Some(0.2) && cell.imputer == "value-aware"
         });
         assert_eq!(run["absolute_metrics"]["return"], json!(played.unwrap().outcome.returns));
         assert_eq!(run["step_1"]["step_count"], 5_000_000);

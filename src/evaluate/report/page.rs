@@ -98,11 +98,11 @@ fn aggregates(html: &mut Html, summary: &Summary) {
 
 /// A row per imputer, a column per condition.
 fn over_tasks(label: &str, aggregates: &[&Aggregate]) -> Table {
-    let conditions = distinct(aggregates.iter().map(|aggregate| aggregate.condition));
+    let conditions = distinct(aggregates.iter().map(|aggregate| &aggregate.condition));
     let imputers = distinct(aggregates.iter().map(|aggregate| &aggregate.imputer[..]));
     let row = |imputer: &&str| {
-        let cell = |condition: &Condition| {
-            let found = aggregates.iter().find(|a| a.imputer == *imputer && a.condition == *condition);
+        let cell = |condition: &&Condition| {
+            let found = aggregates.iter().find(|a| a.imputer == *imputer && a.condition == **condition);
             let Some(aggregate) = found else { return Cell::of("-") };
             let Aggregate { mean, iqm, .. } = aggregate;
             let mean = [format!("mean {}", words::number(mean.value, 2)), words::ends(mean, 2)];
@@ -127,7 +127,7 @@ fn over_tasks(label: &str, aggregates: &[&Aggregate]) -> Table {
                 .collect::<Vec<_>>()
                 .join(", ")
         ),
-        columns: columns.chain(conditions.iter().map(|condition| words::condition(*condition))).collect(),
+        columns: columns.chain(conditions.iter().map(|condition| words::condition(condition))).collect(),
         rows: imputers.iter().map(row).collect(),
     }
 }
@@ -173,7 +173,13 @@ fn definitions(html: &mut Html, summary: &Summary) {
     let imputers = words::imputers(summary);
     let played = notes::IMPUTERS.iter().filter(|(name, _)| imputers.contains(name));
     let texts = |(term, meaning): &(&str, &str)| ((*term).to_owned(), (*meaning).to_owned());
-    html.list(notes::STATISTICS.iter().map(texts));
+    let conditions = summary.groups.iter().flat_map(words::conditions);
+    // Levels and modes are among the statistics.
+    let links = conditions.filter(|condition| condition.p().is_none());
+    let models = links.flat_map(|condition| condition.links().models());
+    let models = models.filter(|model| !model.parameters.is_empty());
+    let models = distinct(models.map(|model| (model.signature(), model.about.to_owned())));
+    html.list(notes::STATISTICS.iter().map(texts).chain(models));
     html.element("h3", "Imputers");
     html.list(played.map(texts));
 }
@@ -246,6 +252,19 @@ mod tests {
     }
 
     #[test]
+    fn links_are_explained_where_they_were_played() {
+        let about = |conditions: &[&str]| {
+            let conditions = fixture::conditions(conditions);
+            let (_, summary) = fixture::played(&[("hear-see", -24.0, 1)], &conditions, &["hold"], 20);
+            let page = page(&summary, &fixture::provenance());
+            (page.contains("<dt>gilbert(p, r)</dt>"), page.contains("<dt>delay(ticks, jitter = 0)</dt>"))
+        };
+        assert_eq!(about(&["1", "0.2", "dynamic"]), (false, false));
+        assert_eq!(about(&["1", "gilbert(0.1, 0.3)"]), (true, false));
+        assert_eq!(about(&["1", "gilbert(0.1, 0.3) + delay(1, 1)"]), (true, true));
+    }
+
+    #[test]
     fn names_are_text() {
         let (_, mut summary) = fixture::two_tasks();
         let hostile = "<script>alert(\"x\")</script>&\n";
@@ -269,7 +288,7 @@ mod tests {
         let group = &mut summary.groups[0];
         for imputer in &mut group.imputers {
             imputer.errors.clear();
-            imputer.cells.retain(|cell| cell.condition.level() == Some(1.0));
+            imputer.cells.retain(|cell| cell.condition.p() == Some(1.0));
         }
         let page = page(&summary, &fixture::provenance());
         for absent in ["Against", "What was imputed", "Over tasks", "NaN"] {

@@ -41,7 +41,7 @@ fn outcomes(group: &Group) -> String {
 }
 
 /// The same under some conditions, the first of which is the cell number `first` of each imputer.
-fn outcomes_under(group: &Group, first: usize, conditions: &[Condition]) -> String {
+fn outcomes_under(group: &Group, first: usize, conditions: &[&Condition]) -> String {
     let names: Vec<String> = conditions.iter().copied().map(words::condition).collect();
     let mut header = vec!["mean return"];
     header.extend(names.iter().map(String::as_str));
@@ -69,7 +69,7 @@ fn outcomes_under(group: &Group, first: usize, conditions: &[Condition]) -> Stri
 
 /// Areas, p for 90 % of the score, and differences to the baseline at the two lowest levels.
 fn overall(group: &Group) -> String {
-    let mut levels: Vec<f64> = words::conditions(group).into_iter().filter_map(Condition::level).collect();
+    let mut levels: Vec<f64> = words::conditions(group).into_iter().filter_map(Condition::p).collect();
     if levels.is_empty() {
         return String::new();
     }
@@ -93,7 +93,7 @@ fn overall(group: &Group) -> String {
                 format!("{} {}", words::p_for_90(imputer, &p), words::ends(&p, 2))
             }),
         ];
-        let at = |p: &f64| imputer.cells.iter().find(|cell| cell.condition == Condition::Level(*p));
+        let at = |p: &f64| imputer.cells.iter().find(|cell| cell.condition.p() == Some(*p));
         let comparisons = levels.iter().map(|p| at(p).and_then(|cell| cell.comparison));
         row.extend(comparisons.filter(|_| group.baseline.is_some()).map(|comparison| {
             comparison.map_or("-".to_owned(), |Comparison { difference, .. }| {
@@ -112,11 +112,21 @@ mod tests {
     use super::*;
 
     fn wide() -> Summary {
-        let conditions = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0].map(Condition::Level);
-        let modes = [Condition::Uniform, Condition::Asymmetric, Condition::Dynamic];
+        let conditions = fixture::conditions(&[
+            "1",
+            "0.8",
+            "0.6",
+            "0.4",
+            "0.2",
+            "0",
+            "uniform",
+            "asymmetric",
+            "dynamic",
+            "gilbert(0.1, 0.3) + delay(1, 1)",
+        ]);
         let tasks = [("spread-xy-4", -834.0, 3), ("hear-see", -24.0, 1)];
         let imputers = ["value-aware", "maro", "hold"];
-        fixture::played(&tasks, &[&conditions[..], &modes].concat(), &imputers, 1000).1
+        fixture::played(&tasks, &conditions, &imputers, 1000).1
     }
 
     #[test]
@@ -131,7 +141,14 @@ mod tests {
                 assert!(text.contains(&words::plus_minus(&cell.mean, 1)));
             }
         }
-        for mode in ["uniform", "asymmetric", "dynamic", "p = 0.6", "vs maro, p = 0.2"] {
+        for mode in [
+            "uniform",
+            "asymmetric",
+            "dynamic",
+            "p = 0.6",
+            "gilbert(0.1, 0.3) + delay(1, 1)",
+            "vs maro, p = 0.2",
+        ] {
             assert_eq!(text.matches(&format!("  {mode}")).count(), 2, "{mode}\n{text}");
         }
     }
@@ -142,7 +159,7 @@ mod tests {
         summary.groups.truncate(1);
         fixture::forget_baseline(&mut summary.groups[0]);
         for imputer in &mut summary.groups[0].imputers {
-            imputer.cells.retain(|cell| cell.condition.level().is_none());
+            imputer.cells.retain(|cell| cell.condition.p().is_none());
             imputer.cells.iter_mut().for_each(|cell| cell.score = None);
             (imputer.return_area, imputer.score_area, imputer.p_for_90) = (None, None, None);
         }

@@ -4,18 +4,18 @@ use crate::environment::Unit;
 use crate::evaluate::grouping::distinct;
 use crate::evaluate::{AgeErrors, Claims, Condition, Group, ImputerSummary, Interval, Summary, UnitErrors};
 
-/// `p = 0.2`, or the name of the mode.
-pub fn condition(condition: Condition) -> String {
-    match condition.level() {
+/// `p = 0.2`, or the text of the links.
+pub fn condition(condition: &Condition) -> String {
+    match condition.p() {
         Some(p) => format!("p = {p}"),
         None => condition.name().to_owned(),
     }
 }
 
 /// The conditions a group was played under.
-pub fn conditions(group: &Group) -> Vec<Condition> {
+pub fn conditions(group: &Group) -> Vec<&Condition> {
     let first = group.imputers.first();
-    first.map_or(Vec::new(), |imputer| imputer.cells.iter().map(|cell| cell.condition).collect())
+    first.map_or(Vec::new(), |imputer| imputer.cells.iter().map(|cell| &cell.condition).collect())
 }
 
 /// `hear-see: mappo`.
@@ -71,7 +71,7 @@ pub fn played(group: &Group, imputer: &ImputerSummary) -> String {
 
 /// Where 90 % of the score is left: `<= 0.20` if that is the lowest level played.
 pub fn p_for_90(imputer: &ImputerSummary, p: &Interval) -> String {
-    let levels = imputer.cells.iter().filter_map(|cell| cell.condition.level());
+    let levels = imputer.cells.iter().filter_map(|cell| cell.condition.p());
     let lowest = levels.fold(1.0, f64::min);
     let at_most = if p.value == lowest && lowest > 0.0 { "<= " } else { "" };
     format!("{at_most}{}", number(p.value, 2))

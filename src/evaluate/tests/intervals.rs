@@ -11,7 +11,7 @@ fn threads_make_no_difference_and_the_seed_does() {
     );
     let interval = |seed| {
         let returns: Vec<f64> = (0..40).map(|e| f64::from(e).sqrt()).collect();
-        let cells = vec![cell(0, Level(0.0), "maro", &returns)];
+        let cells = vec![cell(0, level(0.0), "maro", &returns)];
         let mut evaluation = evaluation(vec![contender("hear-see", "mappo", 1)], vec![], cells);
         evaluation.settings.seed = seed;
         only(Summary::of(&evaluation, &["maro"], 2).unwrap()).imputers[0].cells[0].mean
@@ -28,10 +28,10 @@ fn pairs_stay_together() {
     let shifted: Vec<f64> = returns.iter().map(|value| value + 3.0).collect();
     let mirrored: Vec<f64> = returns.iter().map(|value| -value).collect();
     let cells = vec![
-        cell(0, Level(0.5), "maro", &returns),
-        cell(0, Level(0.5), "va", &shifted),
-        cell(1, Level(0.5), "maro", &mirrored),
-        cell(1, Level(0.5), "va", &mirrored),
+        cell(0, level(0.5), "maro", &returns),
+        cell(0, level(0.5), "va", &shifted),
+        cell(1, level(0.5), "maro", &mirrored),
+        cell(1, level(0.5), "va", &mirrored),
     ];
     let group = only(
         Summary::of(&evaluation(vec![contender("hear-see", "mappo", 1); 2], vec![], cells), &["maro"], 1)
@@ -48,7 +48,7 @@ fn pairs_stay_together() {
 #[test]
 fn scores_move_with_the_random_team_and_with_what_is_lossless() {
     // Of two episodes the first, the second or both count. The scores are 1/2, 9/10 and 14/20.
-    let cells = vec![cell(0, Level(1.0), "maro", &[0.0, 0.0]), cell(0, Level(0.0), "maro", &[-5.0, -1.0])];
+    let cells = vec![cell(0, level(1.0), "maro", &[0.0, 0.0]), cell(0, level(0.0), "maro", &[-5.0, -1.0])];
     let random = vec![random("hear-see", &[-10.0, -10.0])];
     let group = only(
         Summary::of(&evaluation(vec![contender("hear-see", "mappo", 1)], random, cells), &["maro"], 1)
@@ -70,8 +70,8 @@ fn scores_move_with_the_random_team_and_with_what_is_lossless() {
 fn what_is_no_better_than_random_has_no_score() {
     let summary = |lossless: [f64; 4]| {
         let cells = vec![
-            cell(0, Level(1.0), "maro", &lossless),
-            cell(0, Level(0.0), "maro", &[-9.0, -9.0, -9.0, -9.0]),
+            cell(0, level(1.0), "maro", &lossless),
+            cell(0, level(0.0), "maro", &[-9.0, -9.0, -9.0, -9.0]),
         ];
         let random = vec![random("hear-see", &[-8.0, -8.0, -8.0, -8.0])];
         only(
@@ -101,8 +101,8 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
         };
         let mut cells = Vec::new();
         for seed in 0..3 {
-            cells.push(cell(seed, Level(1.0), "va", &returns(0.0)));
-            cells.push(cell(seed, Level(0.0), "va", &returns(-4.0)));
+            cells.push(cell(seed, level(1.0), "va", &returns(0.0)));
+            cells.push(cell(seed, level(0.0), "va", &returns(-4.0)));
         }
         let random = vec![random("hear-see", &returns(-10.0))];
         let mut evaluation = evaluation(vec![contender("hear-see", "mappo", 1); 3], random, cells);

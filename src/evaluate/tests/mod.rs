@@ -5,7 +5,13 @@ mod intervals;
 use super::*;
 use crate::environment::Unit;
 
-use Condition::{Level, Uniform};
+fn level(p: f64) -> Condition {
+    Condition::level(p).unwrap()
+}
+
+fn uniform() -> Condition {
+    Condition::parse("uniform", 1).unwrap()
+}
 
 fn contender(task: &str, algorithm: &str, steps: u64) -> Contender {
     Contender {
@@ -40,29 +46,31 @@ fn two_seeds() -> Evaluation {
     let mut cells = Vec::new();
     let of_seeds: [&[(Condition, &str, [f64; 4])]; 2] = [
         &[
-            (Level(1.0), "maro", [0.0, -2.0, 2.0, 0.0]),
-            (Level(1.0), "va", [0.0, -2.0, 2.0, 0.0]),
-            (Level(0.0), "maro", [-20.0, -22.0, -18.0, -20.0]),
-            (Level(0.0), "va", [-12.0, -12.0, -12.0, -12.0]),
-            (Level(0.5), "maro", [-10.0, -10.0, -12.0, -8.0]),
-            (Level(0.5), "va", [-5.0, -10.0, -5.0, -4.0]),
-            (Uniform, "maro", [-100.0, -100.0, -100.0, -100.0]),
-            (Uniform, "va", [-100.0, -101.0, -100.0, -99.0]),
+            (level(1.0), "maro", [0.0, -2.0, 2.0, 0.0]),
+            (level(1.0), "va", [0.0, -2.0, 2.0, 0.0]),
+            (level(0.0), "maro", [-20.0, -22.0, -18.0, -20.0]),
+            (level(0.0), "va", [-12.0, -12.0, -12.0, -12.0]),
+            (level(0.5), "maro", [-10.0, -10.0, -12.0, -8.0]),
+            (level(0.5), "va", [-5.0, -10.0, -5.0, -4.0]),
+            (uniform(), "maro", [-100.0, -100.0, -100.0, -100.0]),
+            (uniform(), "va", [-100.0, -101.0, -100.0, -99.0]),
         ],
         &[
-            (Level(1.0), "maro", [-10.0, -10.0, -10.0, -10.0]),
-            (Level(1.0), "va", [-10.0, -10.0, -10.0, -10.0]),
-            (Level(0.0), "maro", [-20.0, -20.0, -20.0, -20.0]),
-            (Level(0.0), "va", [-16.0, -16.0, -16.0, -16.0]),
-            (Level(0.5), "maro", [-15.0, -15.0, -16.0, -14.0]),
-            (Level(0.5), "va", [-12.0, -15.0, -9.0, -12.0]),
-            (Uniform, "maro", [-100.0, -100.0, -100.0, -100.0]),
-            (Uniform, "va", [-100.0, -101.0, -100.0, -99.0]),
+            (level(1.0), "maro", [-10.0, -10.0, -10.0, -10.0]),
+            (level(1.0), "va", [-10.0, -10.0, -10.0, -10.0]),
+            (level(0.0), "maro", [-20.0, -20.0, -20.0, -20.0]),
+            (level(0.0), "va", [-16.0, -16.0, -16.0, -16.0]),
+            (level(0.5), "maro", [-15.0, -15.0, -16.0, -14.0]),
+            (level(0.5), "va", [-12.0, -15.0, -9.0, -12.0]),
+            (uniform(), "maro", [-100.0, -100.0, -100.0, -100.0]),
+            (uniform(), "va", [-100.0, -101.0, -100.0, -99.0]),
         ],
     ];
     for (seed, played) in of_seeds.into_iter().enumerate() {
         cells.extend(
-            played.iter().map(|(condition, imputer, returns)| cell(seed, *condition, imputer, returns)),
+            played
+                .iter()
+                .map(|(condition, imputer, returns)| cell(seed, condition.clone(), imputer, returns)),
         );
     }
     let contenders = vec![contender("hear-see", "mappo", 5_000_000); 2];
@@ -90,8 +98,8 @@ fn two_seeds_worked_by_hand() {
     assert_eq!((&group.contenders[..], group.baseline.as_deref()), (&[0, 1][..], Some("maro")));
     assert_near(group.random.value, -20.0);
     let [maro, va] = &group.imputers[..] else { panic!("two imputers") };
-    let conditions: Vec<Condition> = va.cells.iter().map(|cell| cell.condition).collect();
-    assert_eq!(conditions, [Level(1.0), Level(0.0), Level(0.5), Uniform]);
+    let conditions: Vec<Condition> = va.cells.iter().map(|cell| cell.condition.clone()).collect();
+    assert_eq!(conditions, [level(1.0), level(0.0), level(0.5), uniform()]);
 
     let cell = &va.cells[2];
     // -24 / 4, -48 / 4: mean -9, variance 2 * 3^2 / 1.
@@ -147,7 +155,7 @@ fn groups_are_policies_trained_alike() {
         contender("hear-see", "mappo", 5_000_000),
         contender("spread-xy-2", "mappo", 5_000_000),
     ];
-    let cells = (0..5).map(|at| cell(at, Level(0.0), "maro", &[-1.0])).collect();
+    let cells = (0..5).map(|at| cell(at, level(0.0), "maro", &[-1.0])).collect();
     let summary = Summary::of(&evaluation(contenders, vec![], cells), &["maro"], 1).unwrap();
     let groups: Vec<_> = summary
         .groups
@@ -168,10 +176,10 @@ fn groups_are_policies_trained_alike() {
 #[test]
 fn cells_that_only_some_played_are_about_these() {
     let cells = vec![
-        cell(0, Level(0.0), "maro", &[-4.0, -2.0]),
-        cell(1, Level(0.0), "maro", &[-40.0, -20.0]),
-        cell(1, Level(0.0), "va", &[-10.0, -10.0]),
-        cell(0, Level(0.0), "hold", &[-6.0, -6.0]),
+        cell(0, level(0.0), "maro", &[-4.0, -2.0]),
+        cell(1, level(0.0), "maro", &[-40.0, -20.0]),
+        cell(1, level(0.0), "va", &[-10.0, -10.0]),
+        cell(0, level(0.0), "hold", &[-6.0, -6.0]),
     ];
     let group = only(
         Summary::of(&evaluation(vec![contender("hear-see", "mappo", 1); 2], vec![], cells), &["maro"], 1)
@@ -191,7 +199,7 @@ fn the_least_that_can_be_played_has_a_summary() {
     let one = evaluation(
         vec![contender("hear-see", "mappo", 1)],
         vec![random("hear-see", &[-8.0])],
-        vec![cell(0, Level(0.2), "zero", &[0.0])],
+        vec![cell(0, level(0.2), "zero", &[0.0])],
     );
     let group = only(Summary::of(&one, &["zero"], 2).unwrap());
     let point = |value| Interval { value, low: value, high: value };
@@ -208,9 +216,9 @@ fn the_least_that_can_be_played_has_a_summary() {
 #[test]
 fn a_baseline_of_zero_has_no_share() {
     let cells = vec![
-        cell(0, Level(0.0), "maro", &[0.0]),
-        cell(0, Level(0.0), "hold", &[0.0]),
-        cell(0, Level(0.0), "va", &[1.0]),
+        cell(0, level(0.0), "maro", &[0.0]),
+        cell(0, level(0.0), "hold", &[0.0]),
+        cell(0, level(0.0), "va", &[1.0]),
     ];
     let group = only(
         Summary::of(&evaluation(vec![contender("hear-see", "mappo", 1)], vec![], cells), &["maro"], 1)
@@ -232,15 +240,15 @@ fn errors_are_those_of_lossy_levels() {
     let mut evaluation = two_seeds();
     let mut set = |contender, condition, errors: &[UnitErrors]| {
         let wanted = |cell: &&mut Cell| {
-            (cell.contender, cell.condition, &cell.imputer[..]) == (contender, condition, "va")
+            (cell.contender, &cell.condition, &cell.imputer[..]) == (contender, &condition, "va")
         };
         evaluation.cells.iter_mut().find(wanted).unwrap().outcome.errors = errors.to_vec();
     };
-    set(0, Level(0.0), &[of(Unit::Metre, &[age(1, 4.0)]), of(Unit::One, &[known(3, 2.0)])]);
-    set(1, Level(0.0), &[of(Unit::Metre, &[age(2, 1.0), age(7, 7.0)])]);
-    set(0, Level(0.5), &[of(Unit::One, &[known(5, 3.0)]), of(Unit::Metre, &[age(1, 1.0)])]);
-    set(0, Uniform, &[of(Unit::Metre, &[age(100, 100.0)])]);
-    set(0, Level(1.0), &[of(Unit::Metre, &[age(100, 100.0)])]);
+    set(0, level(0.0), &[of(Unit::Metre, &[age(1, 4.0)]), of(Unit::One, &[known(3, 2.0)])]);
+    set(1, level(0.0), &[of(Unit::Metre, &[age(2, 1.0), age(7, 7.0)])]);
+    set(0, level(0.5), &[of(Unit::One, &[known(5, 3.0)]), of(Unit::Metre, &[age(1, 1.0)])]);
+    set(0, uniform(), &[of(Unit::Metre, &[age(100, 100.0)])]);
+    set(0, level(1.0), &[of(Unit::Metre, &[age(100, 100.0)])]);
     let group = only(Summary::of(&evaluation, &["maro"], 1).unwrap());
     let calibration = Some(Calibration { count: 8, z_squared: 5.0, within_50: 2, within_95: 4 });
     assert_eq!(
@@ -259,8 +267,8 @@ fn scored(tasks: &[(&str, &[f64])]) -> Summary {
     for (task, scores) in tasks {
         teams.push(random(task, &[-8.0, -8.0]));
         for score in *scores {
-            cells.push(cell(contenders.len(), Level(1.0), "va", &[0.0, 0.0]));
-            cells.push(cell(contenders.len(), Level(0.0), "va", &[8.0 * (score - 1.0); 2]));
+            cells.push(cell(contenders.len(), level(1.0), "va", &[0.0, 0.0]));
+            cells.push(cell(contenders.len(), level(0.0), "va", &[8.0 * (score - 1.0); 2]));
             contenders.push(contender(task, "mappo", 1));
         }
     }
@@ -271,8 +279,8 @@ fn scored(tasks: &[(&str, &[f64])]) -> Summary {
 fn aggregates_worked_by_hand() {
     let summary = scored(&[("hear-see", &[0.5, 0.75]), ("spread-xy-2", &[0.25]), ("spread-xy-3", &[0.0])]);
     let [lossless, lossy] = &summary.aggregates[..] else { panic!("two conditions") };
-    assert_eq!((lossless.condition, lossless.mean.value, width(lossless.mean)), (Level(1.0), 1.0, 0.0));
-    assert_eq!((&lossy.label[..], &lossy.imputer[..], lossy.condition), ("mappo", "va", Level(0.0)));
+    assert_eq!((&lossless.condition, lossless.mean.value, width(lossless.mean)), (&level(1.0), 1.0, 0.0));
+    assert_eq!((&lossy.label[..], &lossy.imputer[..], &lossy.condition), ("mappo", "va", &level(0.0)));
     assert_eq!((lossy.tasks.len(), lossy.runs), (3, 4));
     // The mean of 5/8, 1/4 and 0; that of the two runs in the middle of 0, 1/4, 1/2, 3/4. Resamples vary in the first task only: its
     // runs are both 1/2, both 3/4, or one of each.
@@ -290,14 +298,15 @@ fn aggregates_are_over_tasks_that_have_scores() {
         evaluation.contenders.push(contender(task, "mappo", 5_000_000));
         evaluation.random.push(random(task, &[-8.0; 4]));
         let best = if task == "spread-xy-2" { 0.0 } else { -8.0 };
-        evaluation.cells.push(cell(contender_of, Level(1.0), "va", &[best; 4]));
-        evaluation.cells.push(cell(contender_of, Level(0.5), "va", &[-8.0; 4]));
+        evaluation.cells.push(cell(contender_of, level(1.0), "va", &[best; 4]));
+        evaluation.cells.push(cell(contender_of, level(0.5), "va", &[-8.0; 4]));
     }
     let summary = Summary::of(&evaluation, &["maro"], 1).unwrap();
     assert!(summary.aggregates.iter().all(|aggregate| aggregate.tasks == ["hear-see", "spread-xy-2"]));
-    let conditions: Vec<_> = summary.aggregates.iter().map(|one| (one.condition, one.mean.value)).collect();
+    let conditions: Vec<_> =
+        summary.aggregates.iter().map(|one| (one.condition.clone(), one.mean.value)).collect();
     // ((0.7 + 0.8) / 2 + 0) / 2.
     assert_eq!(conditions.len(), 2);
-    assert_eq!(conditions[0], (Level(1.0), 1.0));
+    assert_eq!(conditions[0], (level(1.0), 1.0));
     assert_near(conditions[1].1, 0.375);
 }
