@@ -77,7 +77,7 @@ pub struct Evaluate {
     #[arg(long)]
     no_comm_at_t0: bool,
 
-    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t, allow_negative_numbers = true)]
+    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t)]
     physics: PhysicsSpec,
 
     /// Seed of every random draw, the same for all cells

@@ -26,7 +26,8 @@ Examples:
 
 For `dynamics`, agents act at random in the first episodes of the seed, everything is seen, and
 how bodies move is fitted to that: what of its velocity a body keeps, what each action adds, how
-far a step moves, and how agents push each other.
+far a step moves, and how agents push each other. With --physics, this is that of other physics
+than the policy was trained in.
 Any other name is that of a new predictor, an LSTM that also sees its agent's own action. It
 learns in closed loop: it imputes for the policy's agents while links deliver with a probability
 drawn for each episode. The policy's own weights stay as they are. The same command goes on with a
@@ -44,7 +45,7 @@ pub struct Fit {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 
-    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t, allow_negative_numbers = true)]
+    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t)]
     physics: PhysicsSpec,
 
     /// How many episodes to fit dynamics to

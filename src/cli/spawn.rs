@@ -54,7 +54,7 @@ pub struct Spawn {
     #[arg(long)]
     no_comm_at_t0: bool,
 
-    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t, allow_negative_numbers = true)]
+    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t)]
     physics: PhysicsSpec,
 
     /// Policy: a file, a folder with policy.safetensors, a pretrained one by its name in a checkout (such

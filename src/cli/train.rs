@@ -56,7 +56,7 @@ pub struct Train {
     #[arg(long, value_name = "P", allow_negative_numbers = true)]
     train_p: Option<String>,
 
-    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, allow_negative_numbers = true)]
+    #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP)]
     physics: Option<PhysicsSpec>,
 
     /// What all other settings of a new run start from [default: paper]
