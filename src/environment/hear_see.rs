@@ -56,13 +56,13 @@ impl Rules for HearSee {
     }
 
     /// Agent 0 observes the goal; agent 1 both positions, then both velocities.
+    #[inline]
     fn observe(plane: &Plane, agent: usize, out: &mut [f32]) {
-        let (front, back) = out.split_at_mut(2 * N_AGENTS);
         if agent == HEARS {
-            front.fill(0.0);
-            back.fill(0.0);
-            write(&[plane.landmarks[plane.goal]], front);
+            out.fill(0.0);
+            write(&[plane.landmarks[plane.goal]], out);
         } else {
+            let (front, back) = out.split_at_mut(2 * N_AGENTS);
             write(&plane.positions, front);
             write(&plane.velocities, back);
         }

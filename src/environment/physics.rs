@@ -79,11 +79,16 @@ impl Physics {
         for a in 0..self.bodies.len() {
             for b in a + 1..self.bodies.len() {
                 if self.bodies[a].collides && self.bodies[b].collides {
+                    let apart = positions[a] - positions[b];
                     let touching = self.bodies[a].size + self.bodies[b].size;
-                    if let Some(force) = self.contact_force(positions[a] - positions[b], touching) {
-                        forces[a] += force;
-                        forces[b] -= force;
+                    // Beyond this distance the force is less than the rounding of an action's and counts as none.
+                    let reach = touching + 40.0 * self.contact_margin;
+                    if apart.length_squared() > reach * reach {
+                        continue;
                     }
+                    let force = self.contact_force(apart, touching);
+                    forces[a] += force;
+                    forces[b] -= force;
                 }
             }
         }
@@ -91,22 +96,19 @@ impl Physics {
 
     /// The force on the first of two bodies `apart` (first minus second) that touch at distance `touching`.
     ///
-    /// The overlap is a softplus of `touching - d`, smooth over the contact margin k. Beyond 40 k the force
-    /// is less than the rounding of an action's and counts as none. Two bodies in the same place have no
+    /// The overlap is a softplus of `touching - d`, smooth over the contact margin. Two bodies in the same place have no
     /// direction between them: the first is pushed towards `+x`, so that any number of them come apart.
-    fn contact_force(&self, apart: DVec2, touching: f64) -> Option<DVec2> {
-        let reach = touching + 40.0 * self.contact_margin;
-        if apart.length_squared() > reach * reach {
-            return None;
-        }
+    #[cold]
+    fn contact_force(&self, apart: DVec2, touching: f64) -> DVec2 {
         let distance = apart.length();
         let overlap = self.contact_margin * softplus((touching - distance) / self.contact_margin);
         let (apart, distance) = if distance > 0.0 { (apart, distance) } else { (DVec2::X, 1.0) };
         // In the order of the reference, so that whole episodes agree with it to the last bit.
-        Some(self.contact_stiffness * apart / distance * overlap)
+        self.contact_stiffness * apart / distance * overlap
     }
 
     /// Tells of each pair of bodies that touch.
+    #[inline]
     pub fn touching(&self, positions: &[DVec2], mut pair: impl FnMut(usize, usize)) {
         for a in 0..positions.len() {
             for b in a + 1..positions.len() {
@@ -118,6 +120,7 @@ impl Physics {
     }
 
     /// Moves the bodies by one step: first the velocities, then the positions with the new velocities.
+    #[inline]
     pub fn integrate(&self, forces: &[DVec2], velocities: &mut [DVec2], positions: &mut [DVec2]) {
         let moving = self.bodies.iter().zip(forces).zip(velocities).zip(positions);
         for (((body, &force), velocity), position) in moving {

@@ -109,6 +109,7 @@ impl<R: Rules> World for PointMass<R> {
         Ok(())
     }
 
+    #[inline]
     fn observe(&self, agent: usize, out: &mut [f32]) {
         R::observe(&self.plane, agent, out);
     }
@@ -116,6 +117,7 @@ impl<R: Rules> World for PointMass<R> {
     /// One step of 0.1 s: agents act, collide and move, and are paid for where they end up.
     ///
     /// An action that does not exist does nothing: a body gets no force and the speaker stays silent.
+    #[inline]
     fn step(&mut self, actions: Actions, rewards: &mut [f64]) -> Result<End> {
         self.act(actions);
         self.collide();

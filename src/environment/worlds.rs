@@ -42,28 +42,28 @@ pub struct Worlds<W> {
 /// What the agents of one world do.
 #[derive(Clone, Copy, Debug)]
 pub struct Actions<'a> {
-    /// Those of all worlds, `[agents, worlds, width]`.
+    /// Those of agent 0 in front; those of other worlds lie between the agents'.
     words: &'a [u32],
-    worlds: usize,
-    world: usize,
+    /// Words from an agent to the next.
+    stride: usize,
+    /// Words of an action.
     width: usize,
 }
 
 impl<'a> Actions<'a> {
     /// Those of a single world, `[agents, width]`.
     pub(crate) fn of_one_world(words: &'a [u32], width: usize) -> Actions<'a> {
-        Actions { words, worlds: 1, world: 0, width }
+        Actions { words, stride: width, width }
     }
 
     /// The words of what an agent does.
     pub fn of(&self, agent: usize) -> &'a [u32] {
-        let at = (agent * self.worlds + self.world) * self.width;
-        &self.words[at..at + self.width]
+        &self.words[agent * self.stride..][..self.width]
     }
 
     /// The number of its discrete action.
     pub fn choice(&self, agent: usize) -> u32 {
-        self.words[(agent * self.worlds + self.world) * self.width]
+        self.words[agent * self.stride]
     }
 }
 
@@ -102,13 +102,17 @@ impl<W: World> Environment for Worlds<W> {
     }
 
     fn step(&mut self, actions: &[u32], playing: &[bool], outcome: &mut Outcome) -> Result<()> {
-        let (agents, width, worlds) = (self.spec.n_agents(), self.width, playing.len());
-        for (at, world) in self.worlds[..worlds].iter_mut().enumerate() {
-            if playing[at] {
-                let actions = Actions { words: actions, worlds, world: at, width };
-                let rewards = &mut outcome.rewards[at * agents..(at + 1) * agents];
-                outcome.ends[at] = world.step(actions, rewards)?;
+        let (agents, width) = (self.spec.n_agents(), self.width);
+        let stride = playing.len() * width;
+        let (mut words, mut rest) = (actions, &mut outcome.rewards[..]);
+        let worlds = self.worlds[..playing.len()].iter_mut().zip(playing);
+        for ((world, &plays), end) in worlds.zip(&mut outcome.ends) {
+            let rewards;
+            (rewards, rest) = rest.split_at_mut(agents);
+            if plays {
+                *end = world.step(Actions { words, stride, width }, rewards)?;
             }
+            words = &words[width..];
         }
         Ok(())
     }

@@ -115,11 +115,11 @@ impl World {
     /// Plays an episode at random; its return.
     fn play(&mut self, episode: u64) -> Result<f64> {
         let mut draws = Draws::new(0, Purpose::Action, episode, 0);
-        let mut episode_return = 0.0;
+        let (mut episode_return, width) = (0.0, self.spec.action_width());
         self.environment.reset(0, 0, episode)?;
         self.observe()?;
         for _ in 0..self.spec.episode_steps {
-            let actions = self.actions.chunks_exact_mut(self.spec.action_width());
+            let actions = self.actions.chunks_exact_mut(width);
             for (agent, action) in self.spec.agents.iter().zip(actions) {
                 agent.actions.draw(&mut draws, action);
             }
