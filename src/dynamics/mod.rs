@@ -63,12 +63,22 @@ impl Dynamics {
         self.pushes[agent].get(action).copied().unwrap_or_default()
     }
 
+    /// What the others add to the velocity of `agent` in a step that begins as `joint` says, m/s along x and y.
+    pub fn contact_push(&self, bodies: &Bodies, agent: usize, joint: &[f32]) -> [f64; 2] {
+        self.contact.map_or([0.0; 2], |contact| contact.push(bodies, agent, joint))
+    }
+
     /// What a push of `agent` in a step does to the dims that tell of it.
     pub fn effects(&self, bodies: &Bodies, agent: usize) -> impl Iterator<Item = Effect> {
         let of_velocities = bodies.velocities(agent).map(|(dim, axis)| (dim, axis, 1.0));
         let places = bodies.places(agent).iter();
         let of_places = places.map(|place| (place.dim, place.axis, f64::from(place.sign) * self.after));
         of_velocities.chain(of_places).map(move |(dim, axis, gain)| Effect { dim, agent, axis, gain })
+    }
+
+    /// The law as it was fitted.
+    pub fn law(&self) -> Law {
+        Law { keep: self.keep, gain: 1.0 }
     }
 
     /// Moves what a joint observation `before` says of `agent` on by a step in which it is pushed like this: writes those
@@ -81,10 +91,24 @@ impl Dynamics {
         before: &[f32],
         after: &mut [f32],
     ) {
-        let contact = self.contact.map_or([0.0; 2], |contact| contact.push(bodies, agent, before));
+        self.advance_by(self.law(), bodies, agent, push, before, after);
+    }
+
+    /// The same by another law.
+    pub fn advance_by(
+        &self,
+        law: Law,
+        bodies: &Bodies,
+        agent: usize,
+        push: [f64; 2],
+        before: &[f32],
+        after: &mut [f32],
+    ) {
+        let contact = self.contact_push(bodies, agent, before);
         for (dim, axis) in bodies.velocities(agent) {
             let axis = axis as usize;
-            after[dim] = (self.keep * f64::from(before[dim]) + push[axis] + contact[axis]) as f32;
+            let pushed = law.keep * f64::from(before[dim]) + law.gain * push[axis];
+            after[dim] = (pushed + law.gain * contact[axis]) as f32;
         }
         for place in bodies.places(agent) {
             let (old, new) = (f64::from(before[place.rate]), f64::from(after[place.rate]));
@@ -92,6 +116,15 @@ impl Dynamics {
             after[place.dim] = (f64::from(before[place.dim]) + moved) as f32;
         }
     }
+}
+
+/// The part of dynamics that damping and mass decide.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Law {
+    /// The share of its velocity that a body keeps in a step.
+    pub keep: f64,
+    /// How many times as much a push does to a velocity as when the dynamics were fitted, whoever pushes.
+    pub gain: f64,
 }
 
 /// What a push of an agent does to a dim of the joint observation.

@@ -21,7 +21,7 @@ impl OwnDynamics {
     /// # Errors
     /// `Usage` if the policy has no dynamics, or not of this environment.
     pub(super) fn new(setup: &Setup, others: Box<dyn Imputer>) -> Result<OwnDynamics> {
-        let motion = Motion::new(setup, fitted(setup)?, vec![setup.agent], 1)?;
+        let motion = Motion::new(setup, fitted(setup)?, vec![setup.agent], 1)?.learning();
         Ok(OwnDynamics { others, motion })
     }
 

@@ -6,6 +6,7 @@ mod carried;
 mod dynamics;
 mod hold;
 mod imagined;
+mod law;
 mod layout;
 mod motion;
 mod particles;

@@ -1,10 +1,11 @@
 //! Beliefs about where everybody is: moved on by dynamics, put right by what is observed.
 
+use super::law::Learner;
 use super::past::Past;
 use super::{JointLayout, Setup};
 use crate::agent::{Inbox, Received};
 use crate::base::error::Result;
-use crate::dynamics::{Bodies, Dynamics, Effect};
+use crate::dynamics::{Bodies, Dynamics, Effect, Law};
 use crate::usage;
 
 /// What an agent believes of those whom the dynamics move, and of landmarks, which stay where they are. It may have several
@@ -26,6 +27,8 @@ pub(super) struct Motion {
     /// What follows from them, `[worlds, n_beliefs, predicted]`. Dims that are not moved mean nothing.
     expected: Vec<f32>,
     past: Past,
+    /// By which law, unless it stays the one of the dynamics.
+    learner: Option<Learner>,
     /// Whether a step has been made in this episode, so that something is expected.
     expects: bool,
 }
@@ -62,14 +65,23 @@ impl Motion {
             beliefs: vec![0.0; rows * layout.joint()],
             expected: vec![0.0; rows * layout.predicted()],
             past: Past::new(layout, setup.worlds, setup.longest_delay),
+            learner: None,
             expects: false,
         })
+    }
+
+    /// The same, with a law that follows what the agent sees of its own motion.
+    pub(super) fn learning(mut self) -> Motion {
+        let worlds = self.beliefs.len() / (self.n_beliefs * self.layout.joint());
+        self.learner = Some(Learner::new(self.dynamics.law(), worlds));
+        self
     }
 
     /// Nothing is believed: an episode starts.
     pub(super) fn begin_episodes(&mut self) {
         self.expects = false;
         self.past.begin_episode();
+        self.learner.iter_mut().for_each(Learner::begin_episodes);
     }
 
     /// Keeps the joint estimates of a step, `[worlds, joint]`: what arrives late is held against them.
@@ -85,17 +97,45 @@ impl Motion {
     /// Moves everybody on by a step in which the agent itself did this in each world, and the others nothing. What those
     /// did counts when the outcome is [put right](Motion::correct).
     pub(super) fn advance(&mut self, actions: &[u32]) {
-        let Motion { dynamics, bodies, layout, agent, moved, n_beliefs, beliefs, expected, .. } = self;
+        self.foresee(actions);
+        let Motion { dynamics, bodies, layout, agent, moved, n_beliefs, beliefs, expected, learner, .. } =
+            self;
         let rows = beliefs.chunks_exact(layout.joint()).zip(expected.chunks_exact_mut(layout.predicted()));
-        let actions = actions.iter().flat_map(|action| std::iter::repeat_n(*action, *n_beliefs));
-        for ((belief, expected), action) in rows.zip(actions) {
+        for (row, (belief, expected)) in rows.take(actions.len() * *n_beliefs).enumerate() {
+            let world = row / *n_beliefs;
+            let law = learner.as_ref().map_or(dynamics.law(), |learner| learner.law(world));
             for &other in moved.iter() {
-                let push = if other == *agent { dynamics.push(other, action as usize) } else { [0.0; 2] };
-                dynamics.advance(bodies, other, push, belief, expected);
+                let own = other == *agent;
+                let push = if own { dynamics.push(other, actions[world] as usize) } else { [0.0; 2] };
+                dynamics.advance_by(law, bodies, other, push, belief, expected);
             }
             bodies.constants().iter().for_each(|&dim| expected[dim] = belief[dim]);
         }
         self.expects = true;
+    }
+
+    /// Notes what the agent's own velocity will follow from, where it sees it.
+    fn foresee(&mut self, actions: &[u32]) {
+        let Motion { dynamics, bodies, layout, agent, n_beliefs, beliefs, learner, .. } = self;
+        let Some(learner) = learner else { return };
+        let firsts = beliefs.chunks_exact(layout.joint()).step_by(*n_beliefs);
+        for (world, (belief, action)) in firsts.zip(actions).enumerate() {
+            let push = dynamics.push(*agent, *action as usize);
+            let is_free = dynamics.contact_push(bodies, *agent, belief) == [0.0; 2];
+            for (dim, axis) in bodies.velocities(*agent).filter(|(dim, _)| dim / layout.unique == *agent) {
+                let row = [f64::from(belief[dim]), push[axis as usize]];
+                learner.expect(world, axis as usize, Some(row).filter(|_| is_free));
+            }
+        }
+    }
+
+    /// Learns from the agent's own velocity, where it sees it.
+    fn learn(&mut self, world: usize, estimate: &[f32]) {
+        let Motion { bodies, layout, agent, learner, .. } = self;
+        let Some(learner) = learner else { return };
+        for (dim, axis) in bodies.velocities(*agent).filter(|(dim, _)| dim / layout.unique == *agent) {
+            learner.observe(world, axis as usize, estimate[dim].into());
+        }
     }
 
     /// How much faster an agent is seen to move than a belief, by its row, expects of one that did nothing: along each axis
@@ -113,7 +153,8 @@ impl Motion {
             let is_seen = |sender: usize| sender == self.agent || inbox.age(sender) == 0;
             for (dim, axis) in self.bodies.velocities(agent) {
                 if is_seen(dim / self.layout.unique) {
-                    seen[axis as usize] = Some(f64::from(estimate[dim]) - f64::from(expected[dim]));
+                    let faster = f64::from(estimate[dim]) - f64::from(expected[dim]);
+                    seen[axis as usize] = Some(faster / self.law(row / self.n_beliefs).gain);
                 }
             }
         }
@@ -145,6 +186,7 @@ impl Motion {
         if !self.expects {
             return;
         }
+        let gain = self.law(world).gain;
         for (dim, effect) in &self.dims {
             let wrong = match inbox.from(dim / unique) {
                 None => Some(0.0),
@@ -156,13 +198,19 @@ impl Motion {
             let Some(wrong) = wrong else { continue };
             let mut sum = 0.0;
             for ((belief, row), share) in beliefs.chunks_exact_mut(joint).zip(rows.clone()).zip(shares) {
-                let pushed = effect.map_or(0.0, |effect| effect.of(pushes(row, effect.agent)));
+                let pushed = effect.map_or(0.0, |effect| gain * effect.of(pushes(row, effect.agent)));
                 let expected = f64::from(self.expected[row * predicted + dim]);
                 belief[*dim] = (expected + pushed) as f32 + wrong;
                 sum += share * f64::from(belief[*dim]);
             }
             estimate[*dim] = sum as f32;
         }
+        self.learn(world, estimate);
+    }
+
+    /// The law in a world.
+    fn law(&self, world: usize) -> Law {
+        self.learner.as_ref().map_or(self.dynamics.law(), |learner| learner.law(world))
     }
 }
 

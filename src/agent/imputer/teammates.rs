@@ -38,7 +38,7 @@ impl Teammates {
             others,
             agent: setup.agent,
             teammates: teammates.map(|agent| Teammate::new(setup, &dynamics, agent, guess)).collect(),
-            motion: Motion::new(setup, dynamics, everybody.collect(), n_beliefs)?,
+            motion: Motion::new(setup, dynamics, everybody.collect(), n_beliefs)?.learning(),
             n_beliefs,
             weights: Weights::new(setup.worlds, n_beliefs),
             dice: Dice { guess, seed: setup.seed, agent: setup.agent },

@@ -1,0 +1,140 @@
+//! What an agent learns of the law of motion from its own, within an episode.
+
+use crate::dynamics::Law;
+
+/// How many observed changes of a velocity a law has to explain.
+const ROWS: usize = 4;
+
+/// How well it has to explain each, m/s. Observations are exact to the rounding of f32; a motor that is unsteady is not.
+const EXACT: f64 = 1e-4;
+
+/// A law that differs by less from the fitted one is the fitted one.
+const ALIKE: f64 = 1e-3;
+
+/// The law of motion in each world: the fitted one, until the agent's own motion, as far as it sees that, follows another
+/// one *exactly*. So damping or mass that changed is found within some steps, and noise is not mistaken for either.
+#[derive(Debug)]
+pub(super) struct Learner {
+    fitted: Law,
+    worlds: Vec<World>,
+}
+
+#[derive(Clone, Debug)]
+struct World {
+    law: Law,
+    /// Of an axis along which it sees itself: the velocity at the last step and the push since. `None` after a contact.
+    pending: [Option<[f64; 2]>; 2],
+    /// The last changes: velocity, push, velocity one step later.
+    rows: [[f64; 3]; ROWS],
+    n_rows: usize,
+}
+
+impl Learner {
+    pub(super) fn new(fitted: Law, worlds: usize) -> Learner {
+        let world = World { law: fitted, pending: [None; 2], rows: [[0.0; 3]; ROWS], n_rows: 0 };
+        Learner { fitted, worlds: vec![world; worlds] }
+    }
+
+    /// Nothing has been seen.
+    pub(super) fn begin_episodes(&mut self) {
+        for world in &mut self.worlds {
+            (world.law, world.pending, world.n_rows) = (self.fitted, [None; 2], 0);
+        }
+    }
+
+    /// The law in a world.
+    pub(super) fn law(&self, world: usize) -> Law {
+        self.worlds[world].law
+    }
+
+    /// What happens along an axis in the step that follows: nothing that could be learned from if another body pushes.
+    pub(super) fn expect(&mut self, world: usize, axis: usize, velocity_and_push: Option<[f64; 2]>) {
+        self.worlds[world].pending[axis] = velocity_and_push;
+    }
+
+    /// Learns from the velocity along an axis when the step is over.
+    pub(super) fn observe(&mut self, world: usize, axis: usize, velocity: f64) {
+        let fitted = self.fitted;
+        let World { law, pending, rows, n_rows } = &mut self.worlds[world];
+        let Some([before, push]) = pending[axis].take() else { return };
+        rows[*n_rows % ROWS] = [before, push, velocity];
+        *n_rows += 1;
+        let explains = |law: &Law| {
+            rows.iter()
+                .all(|[before, push, after]| (law.keep * before + law.gain * push - after).abs() < EXACT)
+        };
+        let found = solve(rows, law.gain).filter(explains).filter(|_| *n_rows >= ROWS);
+        if let Some(found) = found {
+            let is_fitted =
+                (found.keep - fitted.keep).abs() < ALIKE && (found.gain - fitted.gain).abs() < ALIKE;
+            *law = if is_fitted { fitted } else { found };
+        }
+    }
+}
+
+/// The law by least squares, if the rows determine it. Of rows without a push the gain cannot be known: it stays.
+fn solve(rows: &[[f64; 3]], gain: f64) -> Option<Law> {
+    let sum = |a: usize, b: usize| rows.iter().map(|row| row[a] * row[b]).sum::<f64>();
+    let (vv, vu, uu, va, ua) = (sum(0, 0), sum(0, 1), sum(1, 1), sum(0, 2), sum(1, 2));
+    const LEAST: f64 = 1e-3;
+    if vv < LEAST {
+        return None;
+    }
+    if uu < LEAST {
+        return Some(Law { keep: va / vv, gain });
+    }
+    let determinant = vv * uu - vu * vu;
+    (determinant > LEAST * vv * uu)
+        .then(|| Law { keep: (va * uu - ua * vu) / determinant, gain: (ua * vv - va * vu) / determinant })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FITTED: Law = Law { keep: 0.75, gain: 1.0 };
+
+    /// What is taken for the law after these pushes by another law, with errors of the velocity added.
+    fn learned(truth: Law, pushes: &[f64], errors: &[f64]) -> Law {
+        let mut learner = Learner::new(FITTED, 2);
+        learner.begin_episodes();
+        let mut velocity = 0.0;
+        for (push, error) in pushes.iter().zip(errors) {
+            learner.expect(1, 0, Some([velocity, *push]));
+            velocity = truth.keep * velocity + truth.gain * push + error;
+            learner.observe(1, 0, f64::from(velocity as f32));
+        }
+        assert_eq!(learner.law(0), FITTED);
+        learner.law(1)
+    }
+
+    #[test]
+    fn damping_and_mass_follow_from_four_steps() {
+        let truth = Law { keep: 0.7, gain: 1.25 };
+        let pushes = [0.5, 0.0, -0.5, 0.5];
+        let found = learned(truth, &pushes, &[0.0; 4]);
+        assert!((found.keep - 0.7).abs() < 1e-5 && (found.gain - 1.25).abs() < 1e-5, "{found:?}");
+        assert_eq!(learned(truth, &pushes[..3], &[0.0; 3]), FITTED, "too early");
+        assert_eq!(learned(FITTED, &pushes, &[0.0; 4]), FITTED, "to the bit");
+    }
+
+    #[test]
+    fn what_is_not_exact_teaches_nothing() {
+        let truth = Law { keep: 0.7, gain: 1.0 };
+        let pushes = [0.5, 0.0, -0.5, 0.5, 0.0, 0.5, -0.5, 0.0];
+        let noise = [0.05, -0.03, 0.02, -0.04, 0.01, 0.03, -0.05, 0.04];
+        assert_eq!(learned(truth, &pushes, &noise), FITTED);
+        // A contact that nobody foresaw is forgotten when four steps have passed since.
+        let mut contact = [0.0; 8];
+        contact[2] = 0.2;
+        assert_eq!(learned(truth, &pushes[..6], &contact[..6]), FITTED);
+        assert!((learned(truth, &pushes, &contact).keep - 0.7).abs() < 1e-5);
+    }
+
+    #[test]
+    fn without_a_push_only_the_damping_is_known() {
+        let found = solve(&[[1.0, 0.0, 0.8], [0.8, 0.0, 0.64]], 1.0).unwrap();
+        assert!((found.keep - 0.8).abs() < 1e-12 && found.gain == 1.0);
+        assert_eq!(solve(&[[1.0, 0.5, 1.0], [2.0, 1.0, 2.0]], 1.0), None, "both or neither");
+    }
+}
