@@ -56,7 +56,6 @@ impl Rules for HearSee {
     }
 
     /// Agent 0 observes the goal; agent 1 both positions, then both velocities.
-    #[inline]
     fn observe(plane: &Plane, agent: usize, out: &mut [f32]) {
         if agent == HEARS {
             out.fill(0.0);

@@ -109,7 +109,6 @@ impl<R: Rules> World for PointMass<R> {
         Ok(())
     }
 
-    #[inline]
     fn observe(&self, agent: usize, out: &mut [f32]) {
         R::observe(&self.plane, agent, out);
     }

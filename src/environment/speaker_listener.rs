@@ -73,7 +73,6 @@ impl Rules for SpeakerListener {
 
     /// The speaker observes the colour of the goal; the listener its own velocity, where each landmark lies
     /// from it, and the speaker's last message, one-hot.
-    #[inline]
     fn observe(plane: &Plane, agent: usize, out: &mut [f32]) {
         out.fill(0.0);
         if agent == SPEAKER {

@@ -104,7 +104,6 @@ impl Rules for Xy {
         physics(&SIZES_XY, n_agents)
     }
 
-    #[inline]
     fn observe(plane: &Plane, agent: usize, out: &mut [f32]) {
         let (axis, first) = (agent % 2, agent - agent % 2);
         let along_axis = |of: &[DVec2]| DVec2::new(of[first][axis], of[first + 1][axis]);
@@ -123,7 +122,6 @@ impl Rules for Blindfold {
         physics(&SIZES_BLINDFOLD, n_agents)
     }
 
-    #[inline]
     fn observe(plane: &Plane, agent: usize, out: &mut [f32]) {
         observe(plane, [plane.velocities[agent], plane.positions[agent]], out);
     }

@@ -8,10 +8,21 @@ use super::weights::{Line, Tensor};
 #[derive(Clone, Debug)]
 pub struct Inference {
     inputs: usize,
-    layers: Vec<(Layer, Vec<Tensor>)>,
+    layers: Vec<Weighted>,
+    /// Cache lines that all layers need room for, of each row.
+    lines: usize,
     /// Where the one is of the one-hot behind every input, if it is always there: the agent's id in a network that all
     /// agents share.
     id: Option<usize>,
+}
+
+/// A layer with its weights.
+#[derive(Clone, Debug)]
+struct Weighted {
+    layer: Layer,
+    tensors: Vec<Tensor>,
+    /// How many values of its first tensor are for its input. Those behind them are for the one-hot.
+    seen: usize,
 }
 
 /// What a network remembers of an episode: the states of its cells.
@@ -37,9 +48,15 @@ impl Inference {
         id: Option<usize>,
         mut tensors: impl Iterator<Item = &'a Tensor>,
     ) -> Inference {
-        let mut of = |layer: &Layer| tensors.by_ref().take(layer.n_tensors()).cloned().collect();
-        let layers = network.layers.iter().map(|layer| (*layer, of(layer))).collect();
-        Inference { inputs: network.inputs, layers, id }
+        let of = |(at, &layer): (usize, &Layer)| {
+            let tensors: Vec<_> = tensors.by_ref().take(layer.n_tensors()).cloned().collect();
+            let sees_inputs = at == 0 || matches!(layer, Layer::Skip { .. });
+            let ones = if sees_inputs { network.ones } else { 0 };
+            Weighted { layer, seen: tensors[0].values().len() - ones * layer.room(), tensors }
+        };
+        let layers = network.layers.iter().enumerate().map(of).collect();
+        let lines = network.layers.iter().map(|layer| layer.room().div_ceil(Line::VALUES)).sum();
+        Inference { inputs: network.inputs, layers, lines, id }
     }
 
     /// How many values of each row it is given.
@@ -61,17 +78,18 @@ impl Inference {
     ) {
         assert_eq!(inputs.len(), rows * self.inputs, "the inputs of a network are not [rows, inputs]");
         let (skip, layers) = match &self.layers[..] {
-            [layers @ .., (Layer::Skip { .. }, skip)] => (Some(skip), layers),
+            [layers @ .., skip @ Weighted { layer: Layer::Skip { .. }, .. }] => (Some(skip), layers),
             layers => (None, layers),
         };
-        let ((_, last), layers) = layers.split_last().expect("a network has layers");
-        let mut room = scratch.room(layers.iter().map(|(layer, _)| rows * layer.room()));
+        let (last, layers) = layers.split_last().expect("a network has layers");
+        let mut room = scratch.room(rows * self.lines);
         let mut x = inputs;
-        for ((layer, tensors), state) in layers.iter().zip(&mut state.0) {
+        for (weighted, state) in layers.iter().zip(&mut state.0) {
+            let Weighted { layer, tensors, .. } = weighted;
             let part = room.take(rows * layer.room());
             x = match *layer {
                 Layer::Linear { relu, .. } => {
-                    self.linear(rows, x, acts, tensors, part);
+                    self.linear(rows, x, acts, weighted, part);
                     if relu {
                         kernels::relu(part);
                     }
@@ -101,16 +119,15 @@ impl Inference {
         }
     }
 
-    /// `y = x @ weight + bias`, or `y += x @ weight` where there is no bias. Where the weight has rows for more than `x`, they
-    /// are for a one-hot behind it: the one multiplies one of them and zeros all others, so adding that row last gives the
-    /// very bits of the whole product.
-    fn linear(&self, rows: usize, x: &[f32], acts: &[usize], tensors: &[Tensor], y: &mut [f32]) {
-        let outputs = y.len() / rows;
-        let [weight] = values(tensors);
-        let (weight, of_ones) = weight.split_at(x.len() / rows * outputs);
+    /// `y = x @ weight + bias`, or `y += x @ weight` where there is no bias. Of a one-hot behind `x` the one multiplies one
+    /// row of the weight and zeros all others, so adding that row last gives the very bits of the whole product.
+    fn linear(&self, rows: usize, x: &[f32], acts: &[usize], weighted: &Weighted, y: &mut [f32]) {
+        let Weighted { tensors, seen, .. } = weighted;
+        let (weight, of_ones) = tensors[0].values().split_at(*seen);
         let start = tensors.get(1).map_or(Start::Output, |bias| Start::Bias(bias.values()));
         kernels::linear(rows, x, weight, start, y);
         if !of_ones.is_empty() {
+            let outputs = y.len() / rows;
             assert!(self.id.is_some() || acts.len() == rows, "every row has its act");
             for (row, y) in y.chunks_exact_mut(outputs).enumerate() {
                 let one = self.id.unwrap_or_else(|| acts[row]);
@@ -122,7 +139,7 @@ impl Inference {
     /// Computes what the next step takes of the state alone, half the work of a GRU. A step sees to it itself, but
     /// whoever calls this when an action is out has the next one sooner, by the same bits.
     pub fn prepare(&self, rows: usize, state: &mut NetworkState) {
-        for ((layer, tensors), state) in self.layers.iter().zip(&mut state.0) {
+        for (Weighted { layer, tensors, .. }, state) in self.layers.iter().zip(&mut state.0) {
             if let Layer::Gru(_) = layer {
                 state.look_ahead(rows, tensors);
             }
@@ -131,7 +148,7 @@ impl Inference {
 
     /// The state in which `rows` episodes start: zero.
     pub fn state(&self, rows: usize) -> NetworkState {
-        let sizes = self.layers.iter().map(|(layer, _)| match *layer {
+        let sizes = self.layers.iter().map(|weighted| match weighted.layer {
             Layer::Linear { .. } | Layer::Skip { .. } => [0, 0],
             Layer::Gru(size) => [size, 3 * size],
             Layer::Lstm(size) => [size, size],
@@ -148,7 +165,8 @@ impl Inference {
     /// # Panics
     /// If there are too few values or too many.
     pub fn renew(&mut self, mut values: &[f32]) {
-        self.layers.iter_mut().flat_map(|(_, tensors)| tensors).for_each(|tensor| tensor.renew(&mut values));
+        let tensors = self.layers.iter_mut().flat_map(|weighted| &mut weighted.tensors);
+        tensors.for_each(|tensor| tensor.renew(&mut values));
         assert!(values.is_empty(), "a network got more values than it has weights");
     }
 }
@@ -221,9 +239,8 @@ pub struct Scratch(Vec<Line>);
 struct Room<'a>(&'a mut [Line]);
 
 impl Scratch {
-    /// Room for parts of these lengths.
-    fn room(&mut self, lengths: impl Iterator<Item = usize>) -> Room<'_> {
-        let lines = lengths.map(|length| length.div_ceil(Line::VALUES)).sum();
+    /// Room for so many cache lines.
+    fn room(&mut self, lines: usize) -> Room<'_> {
         if self.0.len() < lines {
             self.0.resize(lines, Line::ZERO);
         }
