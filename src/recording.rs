@@ -277,7 +277,7 @@ impl Episode {
 
 /// Writes a recording, episode by episode. The file appears when it is finished.
 #[derive(Debug)]
-pub struct RecordingFile {
+pub(crate) struct RecordingFile {
     file: AtomicFile,
     episodes: usize,
 }

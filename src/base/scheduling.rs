@@ -80,7 +80,7 @@ pub struct Grants {
 
 impl Grants {
     /// Counts what processes that may share so many `cores` were granted; `None` if they asked for nothing.
-    pub fn count(asked: &Scheduling, cores: usize, granted: &[Granted]) -> Option<Grants> {
+    pub(crate) fn count(asked: &Scheduling, cores: usize, granted: &[Granted]) -> Option<Grants> {
         let count = |asked: bool, is_granted: fn(&Granted) -> bool| {
             asked.then(|| granted.iter().filter(|granted| is_granted(granted)).count())
         };

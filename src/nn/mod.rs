@@ -25,8 +25,8 @@ mod state_dict;
 mod tests;
 mod weights;
 
-pub use file::{PolicyFile, Precision};
-pub(crate) use file::{map, write_tensors};
+pub use file::PolicyFile;
+pub(crate) use file::{Precision, map, write_tensors};
 pub use import::import;
 pub(crate) use import::key;
 pub use inference::{Inference, NetworkState, Scratch};

@@ -63,7 +63,7 @@ impl Flat {
     }
 
     /// All values, with the zeros between the tensors, which must stay zero.
-    pub fn all_mut(&mut self) -> &mut [f32] {
+    pub(crate) fn all_mut(&mut self) -> &mut [f32] {
         &mut self.all
     }
 
@@ -73,7 +73,7 @@ impl Flat {
     }
 
     /// Tensor number `at`.
-    pub fn tensor_mut(&mut self, at: usize) -> &mut [f32] {
+    pub(crate) fn tensor_mut(&mut self, at: usize) -> &mut [f32] {
         &mut self.all[self.ranges[at].clone()]
     }
 
@@ -94,7 +94,7 @@ impl Flat {
     }
 
     /// `N` tensors, from number `first` on.
-    pub fn tensors_mut<const N: usize>(&mut self, first: usize) -> [&mut [f32]; N] {
+    pub(crate) fn tensors_mut<const N: usize>(&mut self, first: usize) -> [&mut [f32]; N] {
         let mut tensors = self.each_mut().skip(first);
         std::array::from_fn(|_| tensors.next().expect("there are N tensors"))
     }
