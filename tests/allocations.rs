@@ -107,6 +107,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
         ("spread-xy-4", "value-aware"),
         ("spread-xy-4", "dynamics"),
         ("spread-xy-4", "teammates"),
+        ("spread-xy-4", "hold+oracle:own"),
     ] {
         let task = Task::parse(task).unwrap();
         let agents = task.spec().n_agents();

@@ -15,6 +15,7 @@ mod decision;
 pub mod imputer;
 mod inbox;
 mod member;
+mod oracle;
 pub mod process;
 mod source;
 
@@ -22,4 +23,5 @@ pub use decision::{Agent, AgentSettings};
 pub use imputer::{Imputer, JointLayout, PREFERRED, Registry};
 pub use inbox::{Inbox, Mailbox, Received};
 pub use member::{Member, Sensed};
+pub use oracle::Truth;
 pub use source::{BUILTIN, PolicySource, dims, paper_actor};
