@@ -111,6 +111,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
         ("spread-xy-4", &PolicySource::Builtin, "dynamics"),
         ("spread-xy-4", &PolicySource::Builtin, "teammates"),
         ("spread-xy-2", &PolicySource::Builtin, "particles"),
+        ("spread-xy-4", &PolicySource::Builtin, "hold+oracle:own"),
         ("spread-xy-4", &acting, "acting"),
         ("spread-xy-4", &acting, "seeing-all"),
     ] {

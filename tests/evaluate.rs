@@ -84,9 +84,10 @@ fn any_links_can_be_a_condition() {
         assert_eq!(imputer["score_area"], before["score_area"]);
     }
     // However it is written, a level is a level.
-    let level = under(&["level(p=0.3)"], "--json --in-process --modes dynamic --levels 1").output().unwrap();
-    let level: Value = serde_json::from_slice(&level.stdout).unwrap();
-    assert_eq!(imputers(&level)[0]["cells"][2], imputers(&without)[0]["cells"][1]);
+    let words = "evaluate builtin --task hear-see --episodes 30 --imputers value-aware,dynamics --levels 1 --in-process \
+                 --json --links level(p=0.3)";
+    let level = json(words);
+    assert_eq!(imputers(&level)[0]["cells"][1], imputers(&without)[0]["cells"][1]);
 }
 
 #[test]

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::choice::{most_probable, sample};
 use super::imputer::{Imputer, Registry, Setup, Step};
-use super::{Inbox, PolicySource};
+use super::oracle::Oracle;
+use super::{Inbox, PolicySource, Truth};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::bus::Layout;
@@ -21,7 +22,7 @@ pub struct AgentSettings {
     pub spec: Spec,
     /// Where the policy comes from.
     pub policy: PolicySource,
-    /// Which imputer completes the joint observation, by name.
+    /// Which imputer completes the joint observation, by name; or the name of an oracle, see [`Truth`].
     pub imputer: String,
     /// Where that name is looked up. It does not travel: a process looks it up in its own program's.
     #[serde(skip)]
@@ -78,6 +79,8 @@ pub struct Agent {
     worlds: usize,
     longest_delay: u8,
     imputer: Box<dyn Imputer>,
+    /// What it is told of the truth, if the imputer's name is that of an oracle.
+    oracle: Option<Oracle>,
     /// Whether it has been told of the last decision.
     has_predicted: bool,
     actor: Inference,
@@ -109,13 +112,15 @@ impl Agent {
         let AgentSettings { worlds, seed, longest_delay, greedy, .. } = *settings;
         let setup = Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay, greedy };
         let actor = policy.actor(index).clone();
+        let (imputer, truth) = Truth::split(&settings.imputer);
         Ok(Agent {
             index,
             seed,
             greedy,
             worlds,
             longest_delay,
-            imputer: settings.registry.make(&settings.imputer, &setup)?,
+            imputer: settings.registry.make(imputer, &setup)?,
+            oracle: truth.map(|truth| Oracle::new(truth, &spec, index)).transpose()?,
             has_predicted: false,
             state: actor.state(worlds),
             scratch: Scratch::default(),
@@ -182,6 +187,21 @@ impl Agent {
         let joint = self.spec.joint_dim();
         let estimate = &mut self.estimates[world * joint..(world + 1) * joint];
         self.imputer.fuse(world, own, inbox, estimate);
+    }
+
+    /// Whether it is to be told, after [`Agent::fuse`], what its peers observe, whatever their links make of it.
+    pub fn is_oracle(&self) -> bool {
+        self.oracle.is_some()
+    }
+
+    /// Puts the truth in the place of what was imputed in one world, as far as the agent is an oracle.
+    ///
+    /// # Errors
+    /// `Failed` if it needs more than what is there.
+    pub fn substitute(&mut self, world: usize, everything: &Inbox) -> Result<()> {
+        let joint = self.spec.joint_dim();
+        let estimate = &mut self.estimates[world * joint..(world + 1) * joint];
+        self.oracle.as_ref().map_or(Ok(()), |oracle| oracle.substitute(everything, estimate))
     }
 
     /// Chooses an action in each of the `worlds` worlds of the episode from the joint estimates.

@@ -1,4 +1,4 @@
-//! What reached an agent. Loss is applied here and nowhere else.
+//! What reached an agent. Loss is applied here and nowhere else; only an [oracle](super::Truth) is told more.
 
 use crate::base::rng::MAX_AGENTS;
 use crate::bus::{Header, Kind, NOT_ARRIVED, Sample};

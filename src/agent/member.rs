@@ -2,6 +2,7 @@
 
 use super::{Agent, Mailbox};
 use crate::base::error::Result;
+use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::Granted;
 use crate::bus::{AgentPort, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, now_ns};
 use crate::failed;
@@ -123,6 +124,10 @@ impl<P: AgentPort> Member<P> {
             let own = &sensor.observations[world * self.layout.observation..][..self.layout.observation];
             let inbox = self.mailbox.deliver(world, ages, sample.header());
             self.agent.fuse(world, own, &inbox);
+            if self.agent.is_oracle() {
+                let everything = self.mailbox.deliver(world, &[0; MAX_AGENTS], sample.header());
+                self.agent.substitute(world, &everything)?;
+            }
             let (agent, senders) = (self.agent.index(), 0..self.layout.agents);
             self.ages.extend(senders.map(|sender| if sender == agent { 0 } else { inbox.age(sender) }));
         }

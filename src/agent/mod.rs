@@ -16,6 +16,7 @@ mod decision;
 pub mod imputer;
 mod inbox;
 mod member;
+mod oracle;
 pub(crate) mod process;
 mod source;
 
@@ -24,5 +25,6 @@ pub use imputer::{Imputer, JointLayout, PREFERRED, Registry};
 pub(crate) use inbox::Mailbox;
 pub use inbox::{Inbox, Received};
 pub use member::{Member, Sensed};
+pub use oracle::Truth;
 pub(crate) use source::BUILTIN;
 pub use source::{PolicySource, dims, paper_actor};

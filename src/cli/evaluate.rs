@@ -1,17 +1,14 @@
 //! `evaluate`: how robust frozen policies are to links that fail.
 
-use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
-use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::machine;
+use super::progress::Progress;
 use super::train::threads;
 use super::{PHYSICS_HELP, imputer_help, policy_source, print, tell};
-use crate::agent::{PolicySource, Registry};
+use crate::agent::{PolicySource, Registry, Truth};
 use crate::base::error::{Error, Result};
 use crate::bus::Wait;
 use crate::environment::{PhysicsSpec, Task};
@@ -56,6 +53,12 @@ pub struct Evaluate {
 
     #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy has"))]
     imputers: Vec<String>,
+
+    /// Beside each imputer, an oracle that is told a part of the truth: how much of the loss is due to not knowing the
+    /// state of the agent itself (own), of other agents (others), of no agent (constants: landmarks, colours, messages) or
+    /// of agent K (agent:K); may be given several times
+    #[arg(long, value_name = "own|others|constants|agent:K")]
+    substitute: Vec<Truth>,
 
     /// The imputer that others are compared with [default: maro where there is one, else hold]
     #[arg(long, value_name = "NAME")]
@@ -132,6 +135,7 @@ Examples:
   vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic
   vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
   vamaro-swarm evaluate runs/hs-0 --levels 1 --links 'gilbert(0.1, 0.3) + delay(1, 1)' --links 'delay(2)'
+  vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own --substitute others    what the loss is made of
   vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'    exits 3 if not
 
 All cells start from the same initial states, with the same draws of actions
@@ -182,6 +186,11 @@ impl Evaluate {
 
     /// What there is to play.
     fn sweep(&self) -> Result<Sweep> {
+        for (at, truth) in self.substitute.iter().enumerate() {
+            if self.substitute[..at].contains(truth) {
+                return Err(usage!("--substitute: {truth} is there twice"));
+            }
+        }
         let task = self.task.as_deref().map(Task::parse).transpose()?;
         let entrants = self.policies.iter().map(|name| self.entrant(name, task.as_ref()));
         let entrants: Vec<Entrant> = entrants.collect::<Result<_>>()?;
@@ -195,6 +204,12 @@ impl Evaluate {
                 ));
             }
         }
+        let conditions = self.conditions(&entrants)?;
+        if let Some(truth) = self.substitute.first()
+            && !conditions.iter().any(Condition::is_lossless)
+        {
+            return Err(usage!("--substitute {truth}: a loss is measured against p = 1, add it to --levels"));
+        }
         let episodes = match self.protocol {
             Some(Protocol::Paper) => 100,
             None => self.episodes.unwrap_or(1000),
@@ -207,7 +222,7 @@ impl Evaluate {
                 comm_at_t0: !self.no_comm_at_t0,
                 physics: self.physics,
             },
-            conditions: self.conditions(&entrants)?,
+            conditions,
             entrants,
             worlds: self.worlds as usize,
             place: if self.in_process {
@@ -265,11 +280,22 @@ impl Evaluate {
             (_, None) => return Err(usage!("{name}: for which task? Say so with --task")),
         };
         let policy = source.load(task.spec())?;
-        let imputers = self.imputers_of(&policy).map_err(|error| usage!("{name}: {error}"))?;
+        let imputers = self.imputers_of(&policy, &task).map_err(|error| usage!("{name}: {error}"))?;
         Ok(Entrant::new(name, source, policy, task, imputers))
     }
 
-    fn imputers_of(&self, policy: &Policy) -> Result<Vec<String>> {
+    /// Each imputer, and behind it the oracles that take it for what they do not know.
+    fn imputers_of(&self, policy: &Policy, task: &Task) -> Result<Vec<String>> {
+        let plain = self.plain_imputers_of(policy)?;
+        self.substitute.iter().try_for_each(|truth| truth.check(task.spec()))?;
+        let with_oracles = plain.into_iter().flat_map(|imputer| {
+            let oracles: Vec<String> = self.substitute.iter().map(|truth| truth.oracle(&imputer)).collect();
+            std::iter::once(imputer).chain(oracles)
+        });
+        Ok(with_oracles.collect())
+    }
+
+    fn plain_imputers_of(&self, policy: &Policy) -> Result<Vec<String>> {
         let registry = Registry::default();
         if self.imputers.is_empty() {
             return Ok(registry.names(policy).map(str::to_owned).collect());
@@ -376,49 +402,6 @@ fn quoted(word: &str) -> String {
         word.to_owned()
     } else {
         format!("'{}'", word.replace('\'', "'\\''"))
-    }
-}
-
-/// Tells how far a sweep is: a bar on a terminal, and else a line now and then.
-struct Progress {
-    bar: Option<ProgressBar>,
-    began: Instant,
-    /// When it was last told, and how many cells were there at the beginning.
-    state: Mutex<(Instant, Option<usize>)>,
-}
-
-impl Progress {
-    fn new() -> Progress {
-        let bar = std::io::stderr().is_terminal().then(|| {
-            let style = ProgressStyle::with_template("{bar:20} {pos}/{len} cells{msg}");
-            ProgressBar::new(0).with_style(style.expect("the template is well-formed"))
-        });
-        let now = Instant::now();
-        Progress { bar, began: now, state: Mutex::new((now, None)) }
-    }
-
-    fn note(&self, done: usize, of: usize) {
-        const BETWEEN_LINES: Duration = Duration::from_secs(10);
-        let mut state = self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let first = *state.1.get_or_insert(done);
-        let left = (done > first).then(|| {
-            let per_cell = self.began.elapsed().as_secs_f64() / (done - first) as f64;
-            let left = HumanDuration(Duration::from_secs_f64(per_cell * (of - done) as f64));
-            format!(", {left:#} left")
-        });
-        let left = left.unwrap_or_default();
-        if let Some(bar) = &self.bar {
-            bar.set_length(of as u64);
-            bar.set_position(done as u64);
-            bar.set_message(left);
-        } else if state.0.elapsed() >= BETWEEN_LINES {
-            state.0 = Instant::now();
-            tell(&format!("{done} of {of} cells{left}"));
-        }
-    }
-
-    fn finish(self) {
-        self.bar.iter().for_each(ProgressBar::finish_and_clear);
     }
 }
 

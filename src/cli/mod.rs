@@ -10,6 +10,7 @@ mod import;
 mod inspect;
 mod machine;
 mod plot;
+mod progress;
 mod reporter;
 mod spawn;
 mod summary;

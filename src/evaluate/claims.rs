@@ -119,6 +119,7 @@ mod tests {
             random: Interval::default(),
             baseline: Some("maro".to_owned()),
             imputers: vec![imputer("maro", maro), imputer("value-aware", value_aware)],
+            losses: Vec::new(),
         });
         let settings = Settings::default();
         Summary {

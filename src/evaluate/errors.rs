@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::evaluation::{AgeErrors, Calibration, UnitErrors};
-use crate::agent::JointLayout;
+use crate::agent::{JointLayout, Truth};
 use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{Spec, Unit, Value};
@@ -29,6 +29,8 @@ pub(super) struct ErrorLedger {
     /// Steps since receiver i received sender j, `[agents, worlds, agents]`; `None` before it ever did.
     ages: Vec<Option<usize>>,
     expectation: Option<Expectation>,
+    /// What nobody imputes, since the agents are oracles: of each receiver, by dim, `[agents, predicted]`.
+    told: Vec<bool>,
     /// The ages there can be: the oldest value was received when the episode started, and never again.
     oldest: usize,
     /// Of the episodes under way, `[worlds, units, oldest]`.
@@ -58,6 +60,13 @@ struct Expectation {
 impl ErrorLedger {
     /// For episodes of `task`, imputed with the predictor of this name, if `policy` has one.
     pub(super) fn new(spec: &Spec, policy: &Policy, imputer: &str) -> ErrorLedger {
+        let (imputer, truth) = Truth::split(imputer);
+        let layout = JointLayout::of(spec);
+        let mut told = vec![false; layout.agents * layout.predicted()];
+        for (receiver, told) in told.chunks_exact_mut(layout.predicted()).enumerate() {
+            let dims = truth.iter().flat_map(|truth| truth.dims(spec, receiver));
+            dims.for_each(|dim| told[dim] = true);
+        }
         let expectation = policy.predictor(imputer).map(|predictor| Expectation {
             predictor: predictor.clone(),
             dims: policy.dims().clone(),
@@ -70,9 +79,10 @@ impl ErrorLedger {
         });
         ErrorLedger {
             spec: spec.clone(),
-            layout: JointLayout::of(spec),
+            layout,
             ages: Vec::new(),
             expectation,
+            told,
             oldest: spec.episode_steps - 1,
             open: Vec::new(),
             finished: vec![AgeErrors::default(); Unit::ALL.len() * (spec.episode_steps - 1)],
@@ -125,7 +135,8 @@ impl ErrorLedger {
 
     /// Compares the estimate of one receiver in one world with the truth.
     fn compare(&mut self, tick: &Tick, decisions: &Decisions, row: usize) {
-        let ErrorLedger { spec, layout, ages, expectation, oldest, open, finished } = self;
+        let ErrorLedger { spec, layout, ages, expectation, told, oldest, open, finished } = self;
+        let told = &told[row / tick.worlds * layout.predicted()..][..layout.predicted()];
         let errors = &mut open[row % tick.worlds * finished.len()..];
         let joint = layout.joint();
         let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
@@ -134,6 +145,9 @@ impl ErrorLedger {
             let truth = tick.observation(spec, sender, row % tick.worlds);
             for (dim, Value { unit, .. }) in spec.agents[sender].observation.iter().enumerate() {
                 let at = sender * layout.unique + dim;
+                if told[at] {
+                    continue;
+                }
                 let error = f64::from(estimate[at]) - f64::from(truth[dim]);
                 let squared = error * error;
                 let states = |expectation: &&Expectation| !expectation.predictor.spec().held.contains(&at);
@@ -288,6 +302,26 @@ mod tests {
         assert!((places.ages[1].rmse().unwrap() - 0.2).abs() < 1e-6);
         assert!(velocities.ages.iter().all(|age| age.rmse() == Some(0.0) && age.calibration.is_none()));
         assert_eq!(four_steps("hold", [true; 4]), []);
+    }
+
+    #[test]
+    fn what_an_oracle_is_told_is_not_imputed() {
+        let counts = |imputer: &str| -> Vec<Vec<u64>> {
+            let errors = four_steps(imputer, [true, false, false, true]);
+            errors.iter().map(|of| of.ages.iter().map(|age| age.count).collect()).collect()
+        };
+        // Of what agent 1 observes, half is about itself and half about agent 0, which does not hear of it.
+        assert_eq!(counts("value-aware"), [[4, 4], [4, 4]]);
+        for truth in [Truth::Own, Truth::Others, Truth::Agent(0)] {
+            assert_eq!(counts(&truth.oracle("value-aware")), [[2, 2], [2, 2]], "{truth}");
+        }
+        assert_eq!(counts(&Truth::Constants.oracle("value-aware")), [[4, 4], [4, 4]]);
+        let told = four_steps(&Truth::Own.oracle("value-aware"), [true, false, false, true]);
+        assert_eq!(
+            told[0].ages[0].calibration.map(|stated| stated.count),
+            Some(2),
+            "as its predictor states"
+        );
     }
 
     #[test]

@@ -33,5 +33,7 @@ pub use record::Record;
 pub use require::{Requirement, Verdict};
 #[cfg(test)]
 use summary::Claim;
-pub use summary::{Aggregate, CellSummary, Claims, Comparison, Group, ImputerSummary, Interval, Summary};
+pub use summary::{
+    Aggregate, CellSummary, Claims, Comparison, Explained, Group, ImputerSummary, Interval, Loss, Summary,
+};
 pub use sweep::{Entrant, Place, Sweep};

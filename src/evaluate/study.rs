@@ -3,10 +3,11 @@
 use super::bootstrap::{Bootstrap, Stratum};
 use super::curve::{lowest_p, mean_height};
 use super::evaluation::UnitErrors;
-use super::grouping::{Alike, distinct};
+use super::grouping::{Alike, Played, distinct};
 use super::sample::{Sample, Sampler};
-use super::summary::{CellSummary, Comparison, Group, ImputerSummary, Interval};
+use super::summary::{CellSummary, Comparison, Explained, Group, ImputerSummary, Interval, Loss};
 use super::weighted::relative;
+use crate::agent::Truth;
 use crate::base::error::Result;
 use crate::base::stats::{mean, std};
 
@@ -56,6 +57,7 @@ impl<'a> Study<'a> {
             random: self.bootstrap.interval(Sample::random),
             baseline: self.baseline.map(str::to_owned),
             imputers: imputers.into_iter().map(|imputer| self.imputer(imputer)).collect(),
+            losses: (0..cells.len()).filter_map(|cell| self.losses(cell)).collect(),
         }
     }
 
@@ -99,6 +101,35 @@ impl<'a> Study<'a> {
     fn score(&self, cell: usize) -> Option<Interval> {
         let lossless = self.lossless(cell)?;
         self.bootstrap.interval_if(|sample| sample.scores(cell, lossless).map(|scores| mean(&scores)))
+    }
+
+    /// What the imputer of a cell loses there, and what oracles that take it for the rest have to say of that.
+    fn losses(&self, cell: usize) -> Option<Loss> {
+        let Played { imputer, condition, .. } = self.group.cells[cell];
+        let oracles =
+            self.group.cells.iter().enumerate().filter_map(|(at, other)| match Truth::split(other.imputer) {
+                (base, Some(truth)) if base == imputer && other.condition == condition => Some((truth, at)),
+                _ => None,
+            });
+        let oracles: Vec<(Truth, usize)> = oracles.collect();
+        let lossless = self.lossless(cell).filter(|_| !oracles.is_empty() && !condition.is_lossless())?;
+        let score = |sample: &Sample, cell| sample.scores(cell, lossless).map(|scores| mean(&scores));
+        let loss = |sample: &Sample| Some(1.0 - score(sample, cell)?);
+        let explained = |(truth, oracle): (Truth, usize)| {
+            let gain = |sample: &Sample| Some(score(sample, oracle)? - score(sample, cell)?);
+            let share = |sample: &Sample| {
+                let loss = loss(sample).filter(|loss| *loss > 0.0)?;
+                Some(gain(sample)? / loss)
+            };
+            let bootstrap = &self.bootstrap;
+            Some(Explained { truth, gain: bootstrap.interval_if(gain)?, share: bootstrap.interval_if(share) })
+        };
+        Some(Loss {
+            imputer: imputer.to_owned(),
+            condition: condition.clone(),
+            loss: self.bootstrap.interval_if(loss)?,
+            explained: oracles.into_iter().filter_map(explained).collect(),
+        })
     }
 
     fn comparison(&self, cell: usize) -> Option<Comparison> {

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::condition::Condition;
 use super::evaluation::{Contender, Settings, UnitErrors};
+use crate::agent::Truth;
 
 /// The statistics of an [`Evaluation`](super::Evaluation). `docs/metrics.md` defines each.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -35,6 +36,10 @@ pub struct Group {
     pub baseline: Option<String>,
     /// Imputer by imputer, and each condition by condition.
     pub imputers: Vec<ImputerSummary>,
+    /// What the losses are made of: imputer by imputer and condition by condition, where oracles were played beside it
+    /// and there are scores.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub losses: Vec<Loss>,
 }
 
 /// How a group does with one imputer.
@@ -53,6 +58,30 @@ pub struct ImputerSummary {
     pub p_for_90: Option<Interval>,
     /// Errors over all levels below 1, by unit and steps since last received.
     pub errors: Vec<UnitErrors>,
+}
+
+/// What an imputer loses under a condition, and what not knowing parts of the truth has to do with it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Loss {
+    /// Name of the imputer.
+    pub imputer: String,
+    /// The condition.
+    pub condition: Condition,
+    /// Score where everything is delivered, which is 1, minus score.
+    pub loss: Interval,
+    /// Oracle by oracle.
+    pub explained: Vec<Explained>,
+}
+
+/// How much of a loss is due to not knowing one part of the truth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Explained {
+    /// The part that the oracle knows.
+    pub truth: Truth,
+    /// How much more the oracle scores than its imputer.
+    pub gain: Interval,
+    /// The same as a share of the loss; `None` unless there is a loss in the sample and in every resample.
+    pub share: Option<Interval>,
 }
 
 /// How a group does with one imputer under one condition.

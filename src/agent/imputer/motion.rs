@@ -180,13 +180,12 @@ impl Motion {
         pushes: impl Fn(usize, usize) -> [f64; 2],
     ) {
         let (unique, joint, predicted) = (self.layout.unique, self.layout.joint(), self.layout.predicted());
-        let rows = world * self.n_beliefs..(world + 1) * self.n_beliefs;
+        let (rows, gain) = (world * self.n_beliefs..(world + 1) * self.n_beliefs, self.law(world).gain);
         let beliefs = &mut self.beliefs[rows.start * joint..rows.end * joint];
         beliefs.chunks_exact_mut(joint).for_each(|belief| belief.copy_from_slice(estimate));
         if !self.expects {
             return;
         }
-        let gain = self.law(world).gain;
         for (dim, effect) in &self.dims {
             let wrong = match inbox.from(dim / unique) {
                 None => Some(0.0),

@@ -1,11 +1,12 @@
 //! Made-up evaluations with the statistics one would expect of them, roughly.
 
 use super::Provenance;
+use crate::agent::Truth;
 use crate::base::stats::{ci95, mean, std};
 use crate::environment::Unit;
 use crate::evaluate::{
     AgeErrors, Aggregate, Calibration, Cell, CellSummary, Comparison, Condition, Contender, Evaluation,
-    Group, ImputerSummary, Interval, Outcome, RandomTeam, Settings, Summary, UnitErrors,
+    Explained, Group, ImputerSummary, Interval, Loss, Outcome, RandomTeam, Settings, Summary, UnitErrors,
 };
 
 /// A task, the return of its policies where all is delivered, and their number.
@@ -76,6 +77,25 @@ pub fn played(
         claims: Vec::new(),
     };
     (evaluation, summary)
+}
+
+/// What one knows from oracles of `value-aware`, which explain all of a loss, and nothing of one that is none.
+pub fn losses() -> Vec<Loss> {
+    let interval = |value: f64| Interval { value, low: value - 0.01, high: value + 0.01 };
+    let loss = |p: f64, loss: f64| {
+        let explained = |truth, gain: f64| Explained {
+            truth,
+            gain: interval(gain),
+            share: (loss > 0.01).then(|| interval(gain / loss)),
+        };
+        Loss {
+            imputer: "value-aware".to_owned(),
+            condition: Condition::level(p).unwrap(),
+            loss: interval(loss),
+            explained: vec![explained(Truth::Own, loss), explained(Truth::Agent(3), -0.025)],
+        }
+    };
+    vec![loss(0.0, 0.5), loss(0.2, 0.005)]
 }
 
 /// A group that was not played with the baseline.
@@ -192,6 +212,7 @@ fn group(evaluation: &Evaluation, task: &str, conditions: &[Condition], imputers
         random,
         baseline: baseline.map(str::to_owned),
         imputers: imputers.iter().map(imputer).collect(),
+        losses: Vec::new(),
     }
 }
 

@@ -42,6 +42,10 @@ pub fn group(html: &mut Html, summary: &Summary, group: &Group) {
     }
     html.element("h3", "Over all p");
     html.table(&over_p(group));
+    if !group.losses.is_empty() {
+        html.element("h3", "What the loss is made of");
+        group.losses.iter().for_each(|loss| html.element("p", &words::loss(loss).join(" ")));
+    }
     let errors = figures::error_by_age(groups, &imputers);
     if !errors.panels.is_empty() {
         html.element("h3", "What was imputed");

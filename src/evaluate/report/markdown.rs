@@ -1,7 +1,7 @@
 //! `table.md`: the tables of a paper.
 
 use super::words;
-use crate::evaluate::{CellSummary, Claims, Summary};
+use crate::evaluate::{CellSummary, Claims, Group, Summary};
 
 /// Two tables, a row per group and imputer and a column per condition: mean return and standard deviation over
 /// policies, as in the paper's Table II; then mean return, its 95 % interval and the score.
@@ -26,7 +26,14 @@ pub fn tables(summary: &Summary) -> String {
         summary.settings.physics.if_other(),
         table(summary, deviation),
         table(summary, interval)
-    ) + &summary.claims.iter().map(claims).collect::<String>()
+    ) + &summary.groups.iter().map(losses).collect::<String>()
+        + &summary.claims.iter().map(claims).collect::<String>()
+}
+
+/// What the losses of a group are made of.
+fn losses(group: &Group) -> String {
+    let paragraph = |loss| format!("\n{}: {}\n", words::group(group), words::loss(loss).join(" "));
+    group.losses.iter().map(paragraph).collect()
 }
 
 /// Cell by cell and in the mean.

@@ -91,6 +91,7 @@ fn remove(path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::Truth;
     use crate::evaluate::{Claim, Claims};
 
     #[test]
@@ -151,6 +152,29 @@ mod tests {
             table.ends_with("| hear-see | 0.2 | 10.4 % | 50.0 % |\n| mean |  | 20.2 % | - |\n"),
             "{table}"
         );
+    }
+
+    #[test]
+    fn what_losses_are_made_of_is_in_all_that_people_read() {
+        let (_, mut summary) = fixture::two_tasks();
+        summary.groups[1].losses = fixture::losses();
+        let sentences = [
+            "p = 0: value-aware loses 0.500 [0.490, 0.510] of the score.",
+            "Not knowing its own agent's state explains 100.0 % [99.0, 101.0] of that.",
+            "Not knowing agent 3's state explains -5.0 % [-6.0, -4.0] of that.",
+            "p = 0.2: value-aware loses 0.005 [-0.005, 0.015] of the score.",
+            "Knowing its own agent's state adds 0.005 [-0.005, 0.015].",
+        ];
+        let page = page::page(&summary, &fixture::provenance());
+        for text in [page, markdown::tables(&summary), text(&summary)] {
+            assert!(sentences.iter().all(|sentence| text.contains(sentence)), "{text}");
+            assert!(!text.contains("oracle"), "nobody was one");
+        }
+        assert!(text(&summary).lines().all(|line| line.chars().count() <= 100));
+        summary.groups[0].imputers[2].imputer = Truth::Own.oracle("value-aware");
+        let page = page::page(&summary, &fixture::provenance());
+        assert!(page.contains("No imputer: the agents are told a part of the truth"));
+        assert!(text(&summary).contains("NAME+oracle:PART is no imputer"));
     }
 
     #[test]

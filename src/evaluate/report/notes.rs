@@ -70,6 +70,15 @@ pub const STATISTICS: &[(&str, &str)] = &[
     ),
 ];
 
+/// Oracles, where there are any.
+pub const ORACLE: (&str, &str) = (
+    "+oracle:own, +oracle:others, +oracle:constants, +oracle:agent:K",
+    "No imputer: the agents are told a part of the truth, and the imputer before the plus has the rest. The part is every \
+     value about the agent itself, about all other agents, about no agent (landmarks, colours, messages), or about agent \
+     K, whoever observes it. The score that an oracle wins back, as a share of the score that its imputer loses, is what \
+     not knowing that part explains. Shares of parts need not add up to 100 %.",
+);
+
 /// Imputers, by their names.
 pub const IMPUTERS: &[(&str, &str)] = &[
     (

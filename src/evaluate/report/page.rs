@@ -181,7 +181,8 @@ fn definitions(html: &mut Html, summary: &Summary) {
     let models = distinct(models.map(|model| (model.signature(), model.about.to_owned())));
     html.list(notes::STATISTICS.iter().map(texts).chain(models));
     html.element("h3", "Imputers");
-    html.list(played.map(texts));
+    let oracle = words::has_oracles(&imputers).then_some(&notes::ORACLE);
+    html.list(played.chain(oracle).map(texts));
 }
 
 fn made(html: &mut Html, provenance: &Provenance) {

@@ -4,6 +4,9 @@ use super::words;
 use crate::base::table::table;
 use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary, Summary};
 
+const ORACLES: &str =
+    "NAME+oracle:PART is no imputer: its agents are told that part of the truth, and NAME has the rest\n";
+
 /// Tables of every group: return and score under each condition, and what a curve comes to; then the claims.
 pub fn text(summary: &Summary) -> String {
     let groups = summary.groups.iter().map(|group| {
@@ -16,12 +19,14 @@ pub fn text(summary: &Summary) -> String {
             summary.settings.physics.if_other(),
             words::plus_minus(&group.random, 1)
         );
-        heading + &outcomes(group) + &overall(group)
+        heading + &outcomes(group) + &overall(group) + &losses(group)
     });
     let claims = summary.claims.iter().map(|claims| words::claim(claims) + "\n");
     let legend = "x +- y: half the width of the 95 % interval, over episodes of these policies;\n\
                   how far policies (seeds) are apart is their standard deviation (std)\n"
         .to_owned();
+    let oracles = if words::has_oracles(&words::imputers(summary)) { ORACLES } else { "" };
+    let legend = legend + oracles;
     std::iter::once(legend).chain(groups).chain(claims).collect::<Vec<_>>().join("\n")
 }
 
@@ -104,6 +109,17 @@ fn overall(group: &Group) -> String {
         row
     });
     format!("\n{}", table(&header.iter().map(String::as_str).collect::<Vec<_>>(), rows))
+}
+
+/// What the losses are made of: a line for each sentence.
+fn losses(group: &Group) -> String {
+    let line = |(at, sentence): (usize, String)| {
+        let indent = if at == 0 { "\n" } else { "\n  " };
+        format!("{indent}{sentence}")
+    };
+    let lines = group.losses.iter().flat_map(|loss| words::loss(loss).into_iter().enumerate().map(line));
+    let lines: String = lines.collect();
+    if lines.is_empty() { lines } else { lines + "\n" }
 }
 
 #[cfg(test)]

@@ -1,8 +1,11 @@
 //! How numbers and conditions are written, in whatever file.
 
+use crate::agent::Truth;
 use crate::environment::Unit;
 use crate::evaluate::grouping::distinct;
-use crate::evaluate::{AgeErrors, Claims, Condition, Group, ImputerSummary, Interval, Summary, UnitErrors};
+use crate::evaluate::{
+    AgeErrors, Claims, Condition, Explained, Group, ImputerSummary, Interval, Loss, Summary, UnitErrors,
+};
 
 /// `p = 0.2`, or the text of the links.
 pub fn condition(condition: &Condition) -> String {
@@ -53,6 +56,38 @@ pub fn claim(claims: &Claims) -> String {
         claims.baseline,
         levels.collect::<Vec<_>>().join(" and ")
     )
+}
+
+/// Whether any imputer is an oracle.
+pub fn has_oracles(imputers: &[&str]) -> bool {
+    imputers.iter().any(|name| Truth::split(name).1.is_some())
+}
+
+/// What a loss is, and what explains it: a sentence each.
+pub fn loss(loss: &Loss) -> Vec<String> {
+    let Loss { imputer, condition: under, loss, explained } = loss;
+    let first = format!(
+        "{}: {imputer} loses {} {} of the score.",
+        condition(under),
+        number(loss.value, 3),
+        ends(loss, 3)
+    );
+    let rest = explained.iter().map(|Explained { truth, gain, share }| {
+        let of = match truth {
+            Truth::Own => "its own agent's state".to_owned(),
+            Truth::Others => "the other agents' state".to_owned(),
+            Truth::Constants => "what is no agent's state".to_owned(),
+            Truth::Agent(agent) => format!("agent {agent}'s state"),
+        };
+        match share {
+            Some(Interval { value, low, high }) => {
+                let [low, high] = [low, high].map(|end| number(100.0 * end, 1));
+                format!("Not knowing {of} explains {} [{low}, {high}] of that.", percent(*value, 1))
+            }
+            None => format!("Knowing {of} adds {} {}.", number(gain.value, 3), ends(gain, 3)),
+        }
+    });
+    std::iter::once(first).chain(rest).collect()
 }
 
 /// What the summary knows of an imputer of a group.

@@ -3,6 +3,7 @@
 mod intervals;
 
 use super::*;
+use crate::agent::Truth;
 use crate::environment::Unit;
 
 fn level(p: f64) -> Condition {
@@ -144,6 +145,53 @@ fn nothing_is_compared_with_itself_or_where_nothing_is_lost() {
     let group = only(Summary::of(&two_seeds(), &["hold"], 1).unwrap());
     assert_eq!(group.baseline, None);
     assert!(group.imputers.iter().flat_map(|imputer| &imputer.cells).all(|cell| cell.comparison.is_none()));
+}
+
+#[test]
+fn what_oracles_explain_worked_by_hand() {
+    let losses = |change: &dyn Fn(&mut Cell)| {
+        let mut evaluation = two_seeds();
+        for cell in evaluation.cells.iter_mut() {
+            if cell.imputer == "va" {
+                cell.imputer = Truth::Own.oracle("maro");
+            }
+            change(cell);
+        }
+        only(Summary::of(&evaluation, &["maro"], 1).unwrap()).losses
+    };
+    let expected = [
+        // MARO brings in what uniform actions do, the oracle has a score of 0.4.
+        (level(0.0), 1.0, 0.4, 0.4),
+        // 0.5 of the score is lost, and 0.75 is the oracle's.
+        (level(0.5), 0.5, 0.25, 0.5),
+        // (-100 + 20) / 20 = -4, (-100 + 20) / 10 = -8, with and without the truth.
+        (uniform(), 7.0, 0.0, 0.0),
+    ];
+    let found = losses(&|_| ());
+    assert_eq!(found.len(), expected.len());
+    for (found, (condition, loss, gain, share)) in found.iter().zip(expected) {
+        assert_eq!((&found.condition, &found.imputer[..]), (&condition, "maro"));
+        assert_near(found.loss.value, loss);
+        let [explained] = &found.explained[..] else { panic!("one oracle") };
+        assert_eq!(explained.truth, Truth::Own);
+        assert_near(explained.gain.value, gain);
+        assert_near(explained.share.unwrap().value, share);
+        assert!(width(explained.gain) > 0.0 && width(explained.share.unwrap()) > 0.0);
+    }
+    // Where nothing is lost, nothing is a share of it.
+    let nothing = losses(&|cell| {
+        if cell.imputer == "maro" && cell.condition == level(0.5) {
+            cell.outcome.returns = [[0.0, -2.0, 2.0, 0.0], [-10.0; 4]][cell.contender].to_vec();
+        }
+    });
+    assert_eq!((nothing[1].loss.value, nothing[1].explained[0].share), (0.0, None));
+    assert_near(nothing[1].explained[0].gain.value, -0.25);
+    // Without p = 1 there are no scores, and the oracle of another imputer says nothing of this one.
+    let relabel = |cell: &mut Cell| {
+        cell.condition = if cell.condition.is_lossless() { level(0.9) } else { cell.condition.clone() }
+    };
+    assert_eq!(losses(&relabel), []);
+    assert_eq!(losses(&|cell| cell.imputer = cell.imputer.replace("maro+", "hold+")), []);
 }
 
 #[test]
