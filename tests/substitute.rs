@@ -33,11 +33,12 @@ impl Observer for Wrong {
                 for sender in
                     (0..spec.n_agents()).filter(|sender| tick.arriving(receiver, world)[*sender] != 0)
                 {
+                    let values = spec.agents[sender].observation.len();
                     let truth = tick.observation(spec, sender, world);
-                    for dim in 0..spec.agents[sender].observation.len() {
+                    for (dim, value) in truth.iter().enumerate().take(values) {
                         let at = sender * spec.unique_dim() + dim;
                         let counts = &mut self.counts[receiver * spec.predicted_dim() + at];
-                        counts.0 += usize::from(estimate[at].to_bits() != truth[dim].to_bits());
+                        counts.0 += usize::from(estimate[at].to_bits() != value.to_bits());
                         counts.1 += 1;
                     }
                 }

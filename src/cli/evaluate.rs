@@ -134,8 +134,8 @@ Examples:
   vamaro-swarm evaluate runs/hs-*/policy.safetensors --report report/
   vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic
   vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
-  vamaro-swarm evaluate runs/hs-0 --levels 1 --links 'gilbert(0.1, 0.3) + delay(1, 1)' --links 'delay(2)'
-  vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own --substitute others    what the loss is made of
+  vamaro-swarm evaluate runs/hs-0 --levels 1 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
+  vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own --substitute others
   vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'    exits 3 if not
 
 All cells start from the same initial states, with the same draws of actions

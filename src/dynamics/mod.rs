@@ -116,6 +116,28 @@ impl Dynamics {
             after[place.dim] = (f64::from(before[place.dim]) + moved) as f32;
         }
     }
+
+    /// Moves the derivatives of what tells of `agent`, in a parameter of the law, on by a step: `slopes` `[predicted]`.
+    /// `forced` is what the parameter itself does to a velocity, by its dim and axis.
+    pub fn advance_slopes(
+        &self,
+        law: Law,
+        bodies: &Bodies,
+        agent: usize,
+        forced: impl Fn(usize, usize) -> f64,
+        slopes: &mut [f32],
+    ) {
+        let carry = |slopes: &mut [f32], seconds: f64| {
+            for place in bodies.places(agent) {
+                slopes[place.dim] += (f64::from(place.sign) * seconds * f64::from(slopes[place.rate])) as f32;
+            }
+        };
+        carry(slopes, self.before);
+        for (dim, axis) in bodies.velocities(agent) {
+            slopes[dim] = (law.keep * f64::from(slopes[dim]) + forced(dim, axis as usize)) as f32;
+        }
+        carry(slopes, self.after);
+    }
 }
 
 /// The part of dynamics that damping and mass decide.

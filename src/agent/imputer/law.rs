@@ -6,10 +6,7 @@ use crate::dynamics::Law;
 const ROWS: usize = 4;
 
 /// How well it has to explain each, m/s. Observations are exact to the rounding of f32; a motor that is unsteady is not.
-const EXACT: f64 = 1e-4;
-
-/// A law that differs by less from the fitted one is the fitted one.
-const ALIKE: f64 = 1e-3;
+const EXACT: f64 = 1e-5;
 
 /// The law of motion in each world: the fitted one, until the agent's own motion, as far as it sees that, follows another
 /// one *exactly*. So damping or mass that changed is found within some steps, and noise is not mistaken for either.
@@ -54,7 +51,6 @@ impl Learner {
 
     /// Learns from the velocity along an axis when the step is over.
     pub(super) fn observe(&mut self, world: usize, axis: usize, velocity: f64) {
-        let fitted = self.fitted;
         let World { law, pending, rows, n_rows } = &mut self.worlds[world];
         let Some([before, push]) = pending[axis].take() else { return };
         rows[*n_rows % ROWS] = [before, push, velocity];
@@ -63,11 +59,9 @@ impl Learner {
             rows.iter()
                 .all(|[before, push, after]| (law.keep * before + law.gain * push - after).abs() < EXACT)
         };
-        let found = solve(rows, law.gain).filter(explains).filter(|_| *n_rows >= ROWS);
-        if let Some(found) = found {
-            let is_fitted =
-                (found.keep - fitted.keep).abs() < ALIKE && (found.gain - fitted.gain).abs() < ALIKE;
-            *law = if is_fitted { fitted } else { found };
+        if *n_rows >= ROWS && !explains(law) {
+            let found = [Some(self.fitted), solve(rows, law.gain)].into_iter().flatten().find(explains);
+            *law = found.unwrap_or(*law);
         }
     }
 }
@@ -76,7 +70,7 @@ impl Learner {
 fn solve(rows: &[[f64; 3]], gain: f64) -> Option<Law> {
     let sum = |a: usize, b: usize| rows.iter().map(|row| row[a] * row[b]).sum::<f64>();
     let (vv, vu, uu, va, ua) = (sum(0, 0), sum(0, 1), sum(1, 1), sum(0, 2), sum(1, 2));
-    const LEAST: f64 = 1e-3;
+    const LEAST: f64 = 1e-2;
     if vv < LEAST {
         return None;
     }

@@ -13,6 +13,7 @@ mod particles;
 mod past;
 mod predictor;
 mod registry;
+mod slopes;
 mod teammates;
 mod velocity;
 mod zero;

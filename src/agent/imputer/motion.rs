@@ -2,6 +2,7 @@
 
 use super::law::Learner;
 use super::past::Past;
+use super::slopes::Slopes;
 use super::{JointLayout, Setup};
 use crate::agent::{Inbox, Received};
 use crate::base::error::Result;
@@ -24,11 +25,13 @@ pub(super) struct Motion {
     n_beliefs: usize,
     /// `[worlds, n_beliefs, joint]`.
     beliefs: Vec<f32>,
+    /// The joint estimates that were made of them, `[worlds, joint]`.
+    written: Vec<f32>,
     /// What follows from them, `[worlds, n_beliefs, predicted]`. Dims that are not moved mean nothing.
     expected: Vec<f32>,
     past: Past,
-    /// By which law, unless it stays the one of the dynamics.
-    learner: Option<Learner>,
+    /// By which law, unless it stays the one of the dynamics, and what is to be put right if another is found.
+    learning: Option<(Learner, Slopes)>,
     /// Whether a step has been made in this episode, so that something is expected.
     expects: bool,
 }
@@ -63,17 +66,19 @@ impl Motion {
             moved,
             n_beliefs,
             beliefs: vec![0.0; rows * layout.joint()],
+            written: vec![0.0; setup.worlds * layout.joint()],
             expected: vec![0.0; rows * layout.predicted()],
             past: Past::new(layout, setup.worlds, setup.longest_delay),
-            learner: None,
+            learning: None,
             expects: false,
         })
     }
 
     /// The same, with a law that follows what the agent sees of its own motion.
     pub(super) fn learning(mut self) -> Motion {
-        let worlds = self.beliefs.len() / (self.n_beliefs * self.layout.joint());
-        self.learner = Some(Learner::new(self.dynamics.law(), worlds));
+        let rows = self.beliefs.len() / self.layout.joint();
+        let learner = Learner::new(self.dynamics.law(), rows / self.n_beliefs);
+        self.learning = Some((learner, Slopes::new(rows, self.layout.predicted())));
         self
     }
 
@@ -81,12 +86,24 @@ impl Motion {
     pub(super) fn begin_episodes(&mut self) {
         self.expects = false;
         self.past.begin_episode();
-        self.learner.iter_mut().for_each(Learner::begin_episodes);
+        if let Some((learner, slopes)) = &mut self.learning {
+            learner.begin_episodes();
+            slopes.begin_episodes();
+        }
     }
 
-    /// Keeps the joint estimates of a step, `[worlds, joint]`: what arrives late is held against them.
+    /// Takes in the joint estimates that were acted on, `[worlds, joint]`. What arrives late is held against them, and where
+    /// somebody knew better than what was [written](Motion::correct), that is believed.
     pub(super) fn keep(&mut self, estimates: &[f32]) {
         self.past.keep(estimates);
+        let (joint, n_beliefs) = (self.layout.joint(), self.n_beliefs);
+        let beliefs = self.beliefs.chunks_exact_mut(n_beliefs * joint);
+        let worlds = estimates.chunks_exact(joint).zip(self.written.chunks_exact(joint)).zip(beliefs);
+        for ((estimate, written), beliefs) in worlds.filter(|((estimate, written), _)| estimate != written) {
+            for dim in (0..joint).filter(|&dim| estimate[dim] != written[dim]) {
+                beliefs.chunks_exact_mut(joint).for_each(|belief| belief[dim] = estimate[dim]);
+            }
+        }
     }
 
     /// What is believed of so many worlds, `[worlds, n_beliefs, joint]`.
@@ -98,16 +115,21 @@ impl Motion {
     /// did counts when the outcome is [put right](Motion::correct).
     pub(super) fn advance(&mut self, actions: &[u32]) {
         self.foresee(actions);
-        let Motion { dynamics, bodies, layout, agent, moved, n_beliefs, beliefs, expected, learner, .. } =
+        let Motion { dynamics, bodies, layout, agent, moved, n_beliefs, beliefs, expected, learning, .. } =
             self;
         let rows = beliefs.chunks_exact(layout.joint()).zip(expected.chunks_exact_mut(layout.predicted()));
         for (row, (belief, expected)) in rows.take(actions.len() * *n_beliefs).enumerate() {
             let world = row / *n_beliefs;
-            let law = learner.as_ref().map_or(dynamics.law(), |learner| learner.law(world));
+            let law = learning.as_ref().map_or(dynamics.law(), |(learner, _)| learner.law(world));
             for &other in moved.iter() {
                 let own = other == *agent;
                 let push = if own { dynamics.push(other, actions[world] as usize) } else { [0.0; 2] };
                 dynamics.advance_by(law, bodies, other, push, belief, expected);
+                if let Some((_, slopes)) = learning {
+                    let contact = dynamics.contact_push(bodies, other, belief);
+                    let pushed = [push[0] + contact[0], push[1] + contact[1]];
+                    slopes.advance(row, (dynamics, bodies), law, other, pushed, belief);
+                }
             }
             bodies.constants().iter().for_each(|&dim| expected[dim] = belief[dim]);
         }
@@ -116,8 +138,8 @@ impl Motion {
 
     /// Notes what the agent's own velocity will follow from, where it sees it.
     fn foresee(&mut self, actions: &[u32]) {
-        let Motion { dynamics, bodies, layout, agent, n_beliefs, beliefs, learner, .. } = self;
-        let Some(learner) = learner else { return };
+        let Motion { dynamics, bodies, layout, agent, n_beliefs, beliefs, learning, .. } = self;
+        let Some((learner, _)) = learning else { return };
         let firsts = beliefs.chunks_exact(layout.joint()).step_by(*n_beliefs);
         for (world, (belief, action)) in firsts.zip(actions).enumerate() {
             let push = dynamics.push(*agent, *action as usize);
@@ -126,15 +148,6 @@ impl Motion {
                 let row = [f64::from(belief[dim]), push[axis as usize]];
                 learner.expect(world, axis as usize, Some(row).filter(|_| is_free));
             }
-        }
-    }
-
-    /// Learns from the agent's own velocity, where it sees it.
-    fn learn(&mut self, world: usize, estimate: &[f32]) {
-        let Motion { bodies, layout, agent, learner, .. } = self;
-        let Some(learner) = learner else { return };
-        for (dim, axis) in bodies.velocities(*agent).filter(|(dim, _)| dim / layout.unique == *agent) {
-            learner.observe(world, axis as usize, estimate[dim].into());
         }
     }
 
@@ -165,6 +178,9 @@ impl Motion {
     pub(super) fn copy(&mut self, from: usize, to: usize) {
         let joint = self.layout.joint();
         self.beliefs.copy_within(from * joint..(from + 1) * joint, to * joint);
+        if let Some((_, slopes)) = &mut self.learning {
+            slopes.copy(from, to);
+        }
     }
 
     /// Writes what is believed of those who are moved and of landmarks into the estimate of a world, where nothing better
@@ -179,37 +195,64 @@ impl Motion {
         shares: &[f64],
         pushes: impl Fn(usize, usize) -> [f64; 2],
     ) {
-        let (unique, joint, predicted) = (self.layout.unique, self.layout.joint(), self.layout.predicted());
-        let (rows, gain) = (world * self.n_beliefs..(world + 1) * self.n_beliefs, self.law(world).gain);
-        let beliefs = &mut self.beliefs[rows.start * joint..rows.end * joint];
+        let Motion { layout, dims, n_beliefs, beliefs, expected, past, learning, .. } = self;
+        let (unique, joint, predicted) = (layout.unique, layout.joint(), layout.predicted());
+        let rows = world * *n_beliefs..(world + 1) * *n_beliefs;
+        let beliefs = &mut beliefs[rows.start * joint..rows.end * joint];
         beliefs.chunks_exact_mut(joint).for_each(|belief| belief.copy_from_slice(estimate));
-        if !self.expects {
-            return;
-        }
-        for (dim, effect) in &self.dims {
-            let wrong = match inbox.from(dim / unique) {
+        let gain = learning.as_ref().map_or(1.0, |(learner, _)| learner.law(world).gain);
+        for (dim, effect) in dims.iter().filter(|_| self.expects) {
+            let received = inbox.from(dim / unique);
+            if let (Some(_), Some((_, slopes))) = (received, &mut *learning) {
+                rows.clone().for_each(|row| slopes.forget(row, *dim));
+            }
+            let wrong = match received {
                 None => Some(0.0),
                 Some(Received { age: 0, .. }) => None,
                 Some(Received { age, observation }) => {
-                    self.past.put_right(world, *dim, age, observation[dim % unique])
+                    past.put_right(world, *dim, age, observation[dim % unique])
                 }
             };
             let Some(wrong) = wrong else { continue };
             let mut sum = 0.0;
             for ((belief, row), share) in beliefs.chunks_exact_mut(joint).zip(rows.clone()).zip(shares) {
-                let pushed = effect.map_or(0.0, |effect| gain * effect.of(pushes(row, effect.agent)));
-                let expected = f64::from(self.expected[row * predicted + dim]);
-                belief[*dim] = (expected + pushed) as f32 + wrong;
+                let pushed = effect.map_or(0.0, |effect| effect.of(pushes(row, effect.agent)));
+                if let Some((_, slopes)) = learning {
+                    slopes.push(row, *dim, pushed);
+                }
+                let expected = f64::from(expected[row * predicted + dim]);
+                belief[*dim] = (expected + gain * pushed) as f32 + wrong;
                 sum += share * f64::from(belief[*dim]);
             }
             estimate[*dim] = sum as f32;
         }
-        self.learn(world, estimate);
+        self.learn(world, shares, estimate);
+        self.written[world * joint..][..joint].copy_from_slice(estimate);
+    }
+
+    /// Learns from the agent's own velocity in a world, where it sees it. Should that follow another law than before, what
+    /// is believed is put right.
+    fn learn(&mut self, world: usize, shares: &[f64], estimate: &mut [f32]) {
+        let Motion { bodies, layout, agent, dims, n_beliefs, beliefs, learning, .. } = self;
+        let Some((learner, slopes)) = learning else { return };
+        let before = learner.law(world);
+        for (dim, axis) in bodies.velocities(*agent).filter(|(dim, _)| dim / layout.unique == *agent) {
+            learner.observe(world, axis as usize, estimate[dim].into());
+        }
+        let law = learner.law(world);
+        for (dim, _) in dims.iter().filter(|_| law != before) {
+            for (belief, share) in shares.iter().enumerate() {
+                let row = world * *n_beliefs + belief;
+                let change = slopes.change(row, *dim, before, law);
+                beliefs[row * layout.joint() + dim] += change;
+                estimate[*dim] += (share * f64::from(change)) as f32;
+            }
+        }
     }
 
     /// The law in a world.
     fn law(&self, world: usize) -> Law {
-        self.learner.as_ref().map_or(self.dynamics.law(), |learner| learner.law(world))
+        self.learning.as_ref().map_or(self.dynamics.law(), |(learner, _)| learner.law(world))
     }
 }
 
