@@ -25,8 +25,11 @@ enum Maker {
     /// A family of point-mass tasks, with the physics it is told.
     PointMass(MakeWorlds),
     /// Somebody else.
-    Other(Arc<dyn Fn(&Spec, usize) -> Box<dyn Environment> + Send + Sync>),
+    Other(Arc<MakeOthers>),
 }
+
+/// Makes so many worlds, of whatever kind.
+type MakeOthers = dyn Fn(&Spec, usize) -> Box<dyn Environment> + Send + Sync;
 
 impl Task {
     /// The task called `name`, in upper or lower case: an id, a paper name or a reference id, or
