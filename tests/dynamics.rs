@@ -52,7 +52,10 @@ fn what_arrives_late_tells_agents_where_they_are() {
             [("value-aware", 1.0), ("dynamics", 1.0), ("teammates", 1.0), ("dynamics", 0.0)].map(
                 |(imputer, p)| mean_return(task, imputer, p, "--links delay(1) --no-comm-at-t0 --in-process"),
             );
-        assert!(dynamics > learned && teammates > dynamics - 1.0, "{task}: {learned} {dynamics} {teammates}");
+        assert!(
+            dynamics > learned - 1.0 && teammates > learned - 1.0,
+            "{task}: {learned} {dynamics} {teammates}"
+        );
         assert!(deaf < dynamics, "{task}: {deaf} {dynamics}");
     }
 }

@@ -116,12 +116,6 @@ impl Line {
 
 /// Bytes on a cache line, for policies embedded in a program: `include_bytes!` alone promises no alignment,
 /// and misaligned weights are copied in every process that loads them.
-///
-/// ```
-/// # use vamaro_swarm::nn::Aligned;
-/// static BYTES: &Aligned<[u8]> = &Aligned(*b"include_bytes!(..) goes here");
-/// assert_eq!(BYTES.0.as_ptr() as usize % 64, 0);
-/// ```
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub struct Aligned<T: ?Sized>(pub T);

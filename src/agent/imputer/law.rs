@@ -8,6 +8,10 @@ const ROWS: usize = 4;
 /// How well it has to explain each, m/s. Observations are exact to the rounding of f32; a motor that is unsteady is not.
 const EXACT: f64 = 1e-5;
 
+/// How far another law is from the fitted one at least, in either parameter. The faint push of an agent that almost touches
+/// makes no other law.
+const OTHER: f64 = 1e-2;
+
 /// The law of motion in each world: the fitted one, until the agent's own motion, as far as it sees that, follows another
 /// one *exactly*. So damping or mass that changed is found within some steps, and noise is not mistaken for either.
 #[derive(Debug)]
@@ -60,7 +64,10 @@ impl Learner {
                 .all(|[before, push, after]| (law.keep * before + law.gain * push - after).abs() < EXACT)
         };
         if *n_rows >= ROWS && !explains(law) {
-            let found = [Some(self.fitted), solve(rows, law.gain)].into_iter().flatten().find(explains);
+            let other = solve(rows, law.gain).filter(|other| {
+                (other.keep - self.fitted.keep).abs().max((other.gain - self.fitted.gain).abs()) > OTHER
+            });
+            let found = [Some(self.fitted), other].into_iter().flatten().find(explains);
             *law = found.unwrap_or(*law);
         }
     }
