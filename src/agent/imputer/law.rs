@@ -12,6 +12,10 @@ const EXACT: f64 = 1e-5;
 /// makes no other law.
 const OTHER: f64 = 1e-2;
 
+/// How much motion there must be to learn from: the sum of squared velocities or pushes, m2/s2, and how much of it is not
+/// the same in both.
+const LEAST: f64 = 1e-2;
+
 /// The law of motion in each world: the fitted one, until the agent's own motion, as far as it sees that, follows another
 /// one *exactly*. So damping or mass that changed is found within some steps, and noise is not mistaken for either.
 #[derive(Debug)]
@@ -77,7 +81,6 @@ impl Learner {
 fn solve(rows: &[[f64; 3]], gain: f64) -> Option<Law> {
     let sum = |a: usize, b: usize| rows.iter().map(|row| row[a] * row[b]).sum::<f64>();
     let (vv, vu, uu, va, ua) = (sum(0, 0), sum(0, 1), sum(1, 1), sum(0, 2), sum(1, 2));
-    const LEAST: f64 = 1e-2;
     if vv < LEAST {
         return None;
     }

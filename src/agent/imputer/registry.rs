@@ -48,11 +48,14 @@ struct Entry {
 enum Make {
     /// It imputes everything.
     Alone(Arc<MakeAlone>),
-    /// It moves what the dynamics in the policy file move, and leaves the rest to another.
-    WithDynamics(fn(&Setup, Box<dyn Imputer>) -> Result<Box<dyn Imputer>>),
+    /// It moves what the dynamics in the policy file move.
+    WithDynamics(MakeWithDynamics),
 }
 
 type MakeAlone = dyn Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync;
+
+/// Makes it with the imputer that everything else is left to.
+type MakeWithDynamics = fn(&Setup, Box<dyn Imputer>) -> Result<Box<dyn Imputer>>;
 
 impl Default for Registry {
     /// The imputers of this library that go by names of their own.
@@ -112,7 +115,7 @@ impl Registry {
         mut self,
         name: &'static str,
         description: &'static str,
-        make: fn(&Setup, Box<dyn Imputer>) -> Result<Box<dyn Imputer>>,
+        make: MakeWithDynamics,
     ) -> Registry {
         self.entries.push(Entry { name, description, make: Make::WithDynamics(make) });
         self
