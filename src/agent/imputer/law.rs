@@ -77,18 +77,22 @@ impl Learner {
     }
 }
 
-/// The law by least squares, if the rows determine it. Of rows without a push the gain cannot be known: it stays.
-fn solve(rows: &[[f64; 3]], gain: f64) -> Option<Law> {
+/// The law by least squares, if the rows determine it, and would without any one of them: an unforeseen contact in one step
+/// would go unnoticed otherwise. Of rows without a push the gain cannot be known: it stays.
+fn solve(rows: &[[f64; 3]; ROWS], gain: f64) -> Option<Law> {
     let sum = |a: usize, b: usize| rows.iter().map(|row| row[a] * row[b]).sum::<f64>();
     let (vv, vu, uu, va, ua) = (sum(0, 0), sum(0, 1), sum(1, 1), sum(0, 2), sum(1, 2));
-    if vv < LEAST {
-        return None;
-    }
+    let without = |row: &[f64; 3]| [vv - row[0] * row[0], vu - row[0] * row[1], uu - row[1] * row[1]];
     if uu < LEAST {
-        return Some(Law { keep: va / vv, gain });
+        let determined = rows.iter().all(|row| without(row)[0] > LEAST);
+        return determined.then(|| Law { keep: va / vv, gain });
     }
+    let determined = rows
+        .iter()
+        .map(without)
+        .all(|[vv, vu, uu]| vv > LEAST && uu > LEAST && vv * uu - vu * vu > LEAST * vv * uu);
     let determinant = vv * uu - vu * vu;
-    (determinant > LEAST * vv * uu)
+    determined
         .then(|| Law { keep: (va * uu - ua * vu) / determinant, gain: (ua * vv - va * vu) / determinant })
 }
 
@@ -137,8 +141,14 @@ mod tests {
 
     #[test]
     fn without_a_push_only_the_damping_is_known() {
-        let found = solve(&[[1.0, 0.0, 0.8], [0.8, 0.0, 0.64]], 1.0).unwrap();
+        let coasting = [1.0, 0.8, 0.64, 0.512].map(|velocity| [velocity, 0.0, 0.8 * velocity]);
+        let found = solve(&coasting, 1.0).unwrap();
         assert!((found.keep - 0.8).abs() < 1e-12 && found.gain == 1.0);
-        assert_eq!(solve(&[[1.0, 0.5, 1.0], [2.0, 1.0, 2.0]], 1.0), None, "both or neither");
+        assert_eq!(solve(&[[1.0, 0.5, 1.0]; ROWS], 1.0), None, "both or neither");
+        // One push after that, against somebody who was not expected there, is no other gain.
+        let [first, second, third, _] = coasting;
+        assert_eq!(solve(&[first, second, third, [0.5, 0.5, 0.6]], 1.0), None);
+        // Nor does it count to have been at rest.
+        assert_eq!(solve(&[[0.0; 3], [0.0; 3], [0.0; 3], [0.5, 0.0, 0.2]], 1.0), None);
     }
 }
