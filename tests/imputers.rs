@@ -127,7 +127,7 @@ fn a_program_without_the_imputer_says_which_it_has() {
     let strange = AgentSettings { registry: Registry::default(), ..settings(&task, "mean") };
     let error = InProcess::new(&strange, &policy).err().unwrap().to_string();
     assert!(
-        error.contains("no imputer `mean`") && error.contains("shared-dice, teammates, velocity, zero"),
+        error.contains("no imputer `mean`") && error.contains("Always there: hold, velocity, zero"),
         "{error}"
     );
 }

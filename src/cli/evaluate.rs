@@ -51,7 +51,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "LINKS|FILE")]
     links: Vec<String>,
 
-    #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy has"))]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy supports but particles and shared-dice"))]
     imputers: Vec<String>,
 
     /// Beside each imputer, an oracle that is told a part of the truth: how much of the loss is due to not knowing the

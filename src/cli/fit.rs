@@ -7,10 +7,10 @@ use clap::Args;
 
 use super::{PHYSICS_HELP, policy_source, print, tell};
 use crate::agent::PolicySource;
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::dynamics::{Dynamics, Fitted, fit};
 use crate::environment::{PhysicsSpec, Task};
-use crate::nn::{Policy, PolicyFile, Precision, PredictorSpec};
+use crate::nn::{Networks, Policy, PolicyFile, Precision, PredictorSpec};
 use crate::supervisor::signals;
 use crate::train::{FitSettings, PredictorLosses, fit_predictor};
 use crate::usage;
@@ -80,10 +80,23 @@ impl Fit {
         let task = Task::parse(&file.meta.task)?.with_physics(self.physics)?;
         let mut policy = source.load(task.spec())?;
         let out = self.out.as_ref().unwrap_or(path);
+        if out.exists() && PolicyFile::read(out).is_err() {
+            return Err(usage!(
+                "--out: {} is there already, and no policy file; choose another",
+                out.display()
+            ));
+        }
+        let mut unfinished = Vec::new();
         for name in &self.imputers {
             policy = match &name[..] {
                 DYNAMICS => self.fit_dynamics(policy, &task)?,
-                name => self.teach(&policy, &task, name, &unfinished(out, name))?,
+                name => {
+                    let predictors = vec![PredictorSpec::acting(name)];
+                    let networks = Networks { predictors, ..policy.networks().clone() };
+                    networks.check().map_err(|error| usage!("--imputers: {error}"))?;
+                    unfinished.push(PathBuf::from(format!("{}.{name}.unfinished", out.display())));
+                    self.teach(&policy, &task, name, &unfinished[unfinished.len() - 1])?
+                }
             };
         }
         // As precise as it was: values that have been rounded to f16 stay what they are.
@@ -91,6 +104,9 @@ impl Fit {
             policy.save_half(out)?;
         } else {
             policy.save(out)?;
+        }
+        for path in unfinished {
+            std::fs::remove_file(&path).map_err(|error| Error::io("remove", &path, error))?;
         }
         print(&format!("wrote {}\n", out.display()))
     }
@@ -113,12 +129,12 @@ impl Fit {
         }
         let settings = FitSettings { updates: self.updates, seed: self.seed, ..FitSettings::default() };
         let (began, mut told) = (Instant::now(), Instant::now());
-        let mut loss = 0.0;
+        let mut loss = None;
         let progress = |updates, losses: &PredictorLosses| {
-            loss = losses.loss;
+            loss = Some(losses.loss);
             if told.elapsed() >= BETWEEN_LINES {
                 told = Instant::now();
-                tell(&format!("{name}: {updates} of {} updates, loss {loss:.4}", self.updates));
+                tell(&format!("{name}: {updates} of {} updates, loss {:.4}", self.updates, losses.loss));
             }
             signals::check_stop()
         };
@@ -128,18 +144,11 @@ impl Fit {
         let taught = fit_predictor(policy, task, &spec, &settings, unfinished, progress);
         let taught = taught.map_err(|error| if unfinished.exists() { error.and(left()) } else { error })?;
         let seconds = began.elapsed().as_secs_f64();
-        print(&format!(
-            "{}: predictor {name}, {} updates in {seconds:.1} s, loss {loss:.4}\n",
-            task.id(),
-            self.updates
-        ))?;
+        let loss =
+            loss.map_or("finished before".to_owned(), |loss| format!("{seconds:.1} s, loss {loss:.4}"));
+        print(&format!("{}: predictor {name}, {} updates, {loss}\n", task.id(), self.updates))?;
         Ok(taught)
     }
-}
-
-/// Where a predictor that is not finished is kept: beside the policy file it is for.
-fn unfinished(out: &Path, name: &str) -> PathBuf {
-    out.with_extension(format!("{name}.unfinished"))
 }
 
 fn words(fitted: &Fitted) -> String {

@@ -62,7 +62,7 @@ pub struct Spawn {
     #[arg(long, value_name = "FILE|DIR|NAME", default_value = "builtin")]
     policy: String,
 
-    #[arg(long, value_name = "NAME", help = imputer_help("dynamics if the policy has been fitted them, else value-aware"))]
+    #[arg(long, value_name = "NAME", help = imputer_help("dynamics if fitted to the policy, else value-aware"))]
     imputer: Option<String>,
 
     /// Take the most probable action instead of sampling

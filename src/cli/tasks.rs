@@ -39,7 +39,7 @@ impl Tasks {
         let mut families = tasks.clone();
         families.dedup_by_key(|task| task.summary());
         let summaries: String =
-            families.iter().map(|task| format!("{:<18}{}\n", task.id(), task.summary())).collect();
+            families.iter().map(|task| format!("{:<28}{}\n", task.id(), task.summary())).collect();
         print(&format!(
             "{}\n{summaries}\nTeams of other sizes: {}.\nDimensions are numbers of values; `predicted` are those an imputer completes.\n",
             table(&header, rows),

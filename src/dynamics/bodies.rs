@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use crate::base::error::Result;
-use crate::environment::{About, Axis, Spec, Unit};
+use crate::environment::{About, Axis, Spec, Unit, Value};
 use crate::usage;
 
 /// The dims of a joint observation that tell of agents' motion, agent by agent. One agent may stand in several
@@ -50,7 +50,9 @@ impl Bodies {
                 let Some(body) = bodies.get_mut(about) else { continue };
                 match (value.unit, value.rate) {
                     (Unit::MetrePerSecond, _) => body.velocities.push((first + dim, axis)),
-                    (Unit::Metre, Some((rate, sign))) if agent.observation[rate].about == value.about => {
+                    (Unit::Metre, Some((rate, sign)))
+                        if agent.observation[rate] == Value::velocity(value.about, axis) =>
+                    {
                         body.places.push(Place { dim: first + dim, axis, rate: first + rate, sign });
                         if sign == 1.0 {
                             body.spot[axis as usize].get_or_insert(first + dim);

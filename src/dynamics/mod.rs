@@ -64,12 +64,12 @@ impl Dynamics {
     }
 
     /// What the others add to the velocity of `agent` in a step that begins as `joint` says, m/s along x and y.
-    pub fn contact_push(&self, bodies: &Bodies, agent: usize, joint: &[f32]) -> [f64; 2] {
+    pub(crate) fn contact_push(&self, bodies: &Bodies, agent: usize, joint: &[f32]) -> [f64; 2] {
         self.contact.map_or([0.0; 2], |contact| contact.push(bodies, agent, joint))
     }
 
     /// What a push of `agent` in a step does to the dims that tell of it.
-    pub fn effects(&self, bodies: &Bodies, agent: usize) -> impl Iterator<Item = Effect> {
+    pub(crate) fn effects(&self, bodies: &Bodies, agent: usize) -> impl Iterator<Item = Effect> {
         let of_velocities = bodies.velocities(agent).map(|(dim, axis)| (dim, axis, 1.0));
         let places = bodies.places(agent).iter();
         let of_places = places.map(|place| (place.dim, place.axis, f64::from(place.sign) * self.after));
@@ -77,7 +77,7 @@ impl Dynamics {
     }
 
     /// The law as it was fitted.
-    pub fn law(&self) -> Law {
+    pub(crate) fn law(&self) -> Law {
         Law { keep: self.keep, gain: 1.0 }
     }
 
@@ -91,20 +91,20 @@ impl Dynamics {
         before: &[f32],
         after: &mut [f32],
     ) {
-        self.advance_by(self.law(), bodies, agent, push, before, after);
+        let contact = self.contact_push(bodies, agent, before);
+        self.advance_by(self.law(), bodies, agent, [push, contact], before, after);
     }
 
-    /// The same by another law.
-    pub fn advance_by(
+    /// The same by another law, if it is pushed like this by itself and by others.
+    pub(crate) fn advance_by(
         &self,
         law: Law,
         bodies: &Bodies,
         agent: usize,
-        push: [f64; 2],
+        [push, contact]: [[f64; 2]; 2],
         before: &[f32],
         after: &mut [f32],
     ) {
-        let contact = self.contact_push(bodies, agent, before);
         for (dim, axis) in bodies.velocities(agent) {
             let axis = axis as usize;
             let pushed = law.keep * f64::from(before[dim]) + law.gain * push[axis];
@@ -119,7 +119,7 @@ impl Dynamics {
 
     /// Moves the derivatives of what tells of `agent`, in a parameter of the law, on by a step: `slopes` `[predicted]`.
     /// `forced` is what the parameter itself does to a velocity, by its dim and axis.
-    pub fn advance_slopes(
+    pub(crate) fn advance_slopes(
         &self,
         law: Law,
         bodies: &Bodies,
@@ -142,7 +142,7 @@ impl Dynamics {
 
 /// The part of dynamics that damping and mass decide.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law {
+pub(crate) struct Law {
     /// The share of its velocity that a body keeps in a step.
     pub keep: f64,
     /// How many times as much a push does to a velocity as when the dynamics were fitted, whoever pushes.
@@ -151,7 +151,7 @@ pub struct Law {
 
 /// What a push of an agent does to a dim of the joint observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Effect {
+pub(crate) struct Effect {
     /// The dim.
     pub dim: usize,
     /// Whose push it is.

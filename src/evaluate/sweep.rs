@@ -2,8 +2,6 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use serde_json::json;
-
 use super::condition::Condition;
 use super::evaluation::{Cell, Contender, Evaluation, Outcome, RandomTeam, Settings};
 use super::play::{play, play_at_random};
@@ -14,7 +12,7 @@ use crate::base::threads::side_by_side;
 use crate::bus::Wait;
 use crate::environment::Task;
 use crate::failed;
-use crate::nn::{Networks, Policy};
+use crate::nn::Policy;
 use crate::supervisor::{InProcess, Processes, signals};
 
 /// What is to be played, and how.
@@ -80,7 +78,7 @@ impl Entrant {
             seed: meta.seed,
             steps: meta.steps,
             origin: meta.origin.clone(),
-            fingerprint: fingerprint(&policy),
+            fingerprint: policy.fingerprint(),
             predictors: policy.predictor_names().map(str::to_owned).collect(),
         };
         Entrant { contender, source, policy, task, imputers }
@@ -245,20 +243,4 @@ impl State<'_> {
             }
         }
     }
-}
-
-/// Tells policies apart: FNV-1a over task, algorithm, networks, dynamics and weights.
-fn fingerprint(policy: &Policy) -> String {
-    let mut values = vec![0.0; policy.n_values()];
-    policy.copy_values(&mut values);
-    let meta = policy.meta();
-    // As they are in policy files, which stay readable: what counts is not how this version spells it in memory.
-    let Networks { actor, sharing, hidden, predictors } = policy.networks();
-    let networks = json!([actor, sharing, hidden, predictors, policy.dynamics()]);
-    let words = format!("{} {} {networks}", meta.task, meta.algorithm);
-    let bytes = words.as_bytes().iter().chain(bytemuck::cast_slice(&values));
-    let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    });
-    format!("{hash:016x}")
 }

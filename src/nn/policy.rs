@@ -11,6 +11,7 @@ use super::{Dims, PredictorSpec};
 use crate::base::error::Result;
 use crate::dynamics::Dynamics;
 use crate::{failed, usage};
+use serde_json::json;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::Path;
@@ -226,6 +227,22 @@ impl Policy {
     /// Its tensors, in the order of [`Networks::tensors`].
     pub fn tensors(&self) -> impl Iterator<Item = (&TensorSpec, &Tensor)> {
         self.tensors.iter().map(|(spec, tensor)| (spec, tensor))
+    }
+
+    /// Tells policies apart: FNV-1a over task, algorithm, networks, dynamics and weights.
+    pub(crate) fn fingerprint(&self) -> String {
+        let mut values = vec![0.0; self.n_values()];
+        self.copy_values(&mut values);
+        let meta = self.meta();
+        // As they are in policy files, which stay readable: what counts is not how this version spells it in memory.
+        let Networks { actor, sharing, hidden, predictors } = self.networks();
+        let networks = json!([actor, sharing, hidden, predictors, self.dynamics()]);
+        let words = format!("{} {} {networks}", meta.task, meta.algorithm);
+        let bytes = words.as_bytes().iter().chain(bytemuck::cast_slice(&values));
+        let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
+        });
+        format!("{hash:016x}")
     }
 
     /// The number of weights and biases.

@@ -90,7 +90,8 @@ pub struct PredictorFit {
 }
 
 /// Teaches `policy` a predictor, in this process: the policy with it, untouched otherwise. `progress` hears of every
-/// update. A fit that ends early is kept in the file `unfinished`, and one that is there already goes on.
+/// update. How far it is is kept in the file `unfinished`, and one that is there already goes on. When the policy is kept
+/// elsewhere, that file has done its duty.
 ///
 /// # Errors
 /// `Usage` if there cannot be such a predictor, or another fit is kept in the file; `Failed` if its weights are no longer
@@ -123,9 +124,7 @@ pub fn fit_predictor(
             kept = Instant::now();
         }
     }
-    if unfinished.exists() {
-        std::fs::remove_file(unfinished).map_err(|error| Error::io("remove", unfinished, error))?;
-    }
+    fit.save(unfinished)?;
     fit.policy()
 }
 
@@ -255,7 +254,8 @@ pub(super) fn importance(task: &Task, own_weight: f64) -> Vec<f32> {
 
 /// The predicted dims that change at no step of some episodes.
 fn constants(policy: &Policy, task: &Task, settings: &FitSettings) -> Result<Vec<usize>> {
-    let agents = AgentSettings { worlds: settings.episodes, ..AgentSettings::of(task.spec()) };
+    let agents =
+        AgentSettings { worlds: settings.episodes, seed: settings.seed, ..AgentSettings::of(task.spec()) };
     let mut batch = Batch::zeros(task.spec(), settings.episodes, false);
     let mut rollout = Rollout::new(task.environment(settings.episodes), Links::level(1.0), settings.seed, 0);
     rollout.collect(&mut InProcess::new(&agents, policy)?, &mut batch)?;

@@ -50,7 +50,10 @@ impl PredictorFit {
         for (key, expected) in self.identity() {
             let found = words.get(key).map_or("nothing", String::as_str);
             if found != expected {
-                return Err(usage!("{source} is of another fit: its `{key}` is {found}, not {expected}"));
+                return Err(usage!(
+                    "{source} is of another fit: its `{key}` is {found}, not {expected}; go on with the same options, \
+                     or remove the file"
+                ));
             }
         }
         let number = |key: &str| {
@@ -81,7 +84,8 @@ impl PredictorFit {
         BTreeMap::from([
             ("format", "vamaro-swarm fit".to_owned()),
             ("version", "1".to_owned()),
-            ("policy", format!("{:?}", self.policy.meta())),
+            ("policy", self.policy.fingerprint()),
+            ("physics", self.task.physics().to_string()),
             ("predictor", json!(self.spec).to_string()),
             ("settings", json!(self.settings).to_string()),
         ])

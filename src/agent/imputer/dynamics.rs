@@ -51,13 +51,13 @@ impl Imputer for OwnDynamics {
 
     fn predict(&mut self, step: &Step) {
         self.others.predict(step);
-        self.motion.keep(step.estimates);
+        self.motion.keep(step);
         self.motion.advance(step.actions);
     }
 
     fn revise(&mut self, step: &Step) {
         self.others.revise(step);
-        self.motion.advance(step.actions);
+        self.motion.revise(step.actions);
     }
 
     fn renew(&mut self, weights: &[f32]) {
@@ -116,5 +116,48 @@ mod tests {
     fn a_mistake_about_the_own_action_leaves_nothing_behind() {
         assert_eq!(believes(&[3, 1, 0], &[4, 3, 0]), believes(&[3, 1, 0], &[3, 1, 0]));
         assert_ne!(believes(&[3, 1, 0], &[3, 1, 0]), believes(&[4, 1, 0], &[4, 1, 0]));
+    }
+
+    #[test]
+    fn a_mistake_leaves_nothing_behind_when_another_law_is_found_afterwards() {
+        let believes = |mistaken: &[u32]| {
+            let task = Task::parse("spread-xy-2").unwrap();
+            let policy = PolicySource::Builtin.load(task.spec()).unwrap();
+            let setup = Setup::of(task.spec(), &policy, 0);
+            let mut imputer = OwnDynamics::new(&setup, Box::new(Hold::new(&setup))).unwrap();
+            imputer.begin_episodes(1);
+            let (done, keep) = ([1, 3, 2, 3, 1, 0], 0.6);
+            let (mut estimate, mut velocity) = (vec![0.0; task.spec().joint_dim()], 0.0f32);
+            for (step, (done, mistaken)) in (0..).zip(done.iter().zip(mistaken)) {
+                // Its place along x, far from its teammate's, and its velocity.
+                let own = [0.0, 5.0, velocity, 0.0, 0.0, 0.0, 0.0, 0.0];
+                imputer.fuse(0, &own, &Inbox::of(2, |_| None), &mut estimate);
+                let told = |action| Step {
+                    episode: 0,
+                    step,
+                    estimates: &estimate,
+                    actions: std::slice::from_ref(action),
+                };
+                imputer.predict(&told(mistaken));
+                if mistaken != done {
+                    imputer.revise(&told(done));
+                }
+                let push = policy.dynamics().unwrap().push(0, *done as usize)[0];
+                velocity = (keep * f64::from(velocity) + push) as f32;
+            }
+            imputer.fuse(
+                0,
+                &[0.0, 5.0, velocity, 0.0, 0.0, 0.0, 0.0, 0.0],
+                &Inbox::of(2, |_| None),
+                &mut estimate,
+            );
+            [estimate[4], estimate[6]]
+        };
+        let done = [1, 3, 2, 3, 1, 0];
+        let [place, velocity] = believes(&done);
+        assert_eq!(believes(&[1, 4, 2, 3, 1, 0]), [place, velocity]);
+        // Up twice, in the second and the fourth step, with the damping that its other axis shows.
+        let truth = 0.5 * (0.6f32.powi(4) + 0.6f32.powi(2));
+        assert!((velocity - truth).abs() < 0.02, "{velocity} {truth}");
     }
 }

@@ -69,7 +69,9 @@ impl Learner {
         };
         if *n_rows >= ROWS && !explains(law) {
             let other = solve(rows, law.gain).filter(|other| {
-                (other.keep - self.fitted.keep).abs().max((other.gain - self.fitted.gain).abs()) > OTHER
+                let differs =
+                    (other.keep - self.fitted.keep).abs().max((other.gain - self.fitted.gain).abs()) > OTHER;
+                differs && other.gain > OTHER && (0.0..=1.0).contains(&other.keep)
             });
             let found = [Some(self.fitted), other].into_iter().flatten().find(explains);
             *law = found.unwrap_or(*law);

@@ -3,7 +3,7 @@
 use super::law::Learner;
 use super::past::Past;
 use super::slopes::Slopes;
-use super::{JointLayout, Setup};
+use super::{JointLayout, Setup, Step};
 use crate::agent::{Inbox, Received};
 use crate::base::error::Result;
 use crate::dynamics::{Bodies, Dynamics, Effect, Law};
@@ -32,8 +32,8 @@ pub(super) struct Motion {
     past: Past,
     /// By which law, unless it stays the one of the dynamics, and what is to be put right if another is found.
     learning: Option<(Learner, Slopes)>,
-    /// Whether a step has been made in this episode, so that something is expected.
-    expects: bool,
+    /// The last step that was made in this episode, after which something is expected.
+    last: Option<u32>,
 }
 
 impl Motion {
@@ -70,7 +70,7 @@ impl Motion {
             expected: vec![0.0; rows * layout.predicted()],
             past: Past::new(layout, setup.worlds, setup.longest_delay),
             learning: None,
-            expects: false,
+            last: None,
         })
     }
 
@@ -84,7 +84,7 @@ impl Motion {
 
     /// Nothing is believed: an episode starts.
     pub(super) fn begin_episodes(&mut self) {
-        self.expects = false;
+        self.last = None;
         self.past.begin_episode();
         if let Some((learner, slopes)) = &mut self.learning {
             learner.begin_episodes();
@@ -92,9 +92,10 @@ impl Motion {
         }
     }
 
-    /// Takes in the joint estimates that were acted on, `[worlds, joint]`. What arrives late is held against them, and where
-    /// somebody knew better than what was [written](Motion::correct), that is believed.
-    pub(super) fn keep(&mut self, estimates: &[f32]) {
+    /// Takes in what was acted on. What arrives late is held against it, and where somebody knew better than what was
+    /// [written](Motion::correct), that is believed. The agent's own velocity says by which law it moves.
+    pub(super) fn keep(&mut self, step: &Step) {
+        let estimates = step.estimates;
         self.past.keep(estimates);
         let (joint, n_beliefs) = (self.layout.joint(), self.n_beliefs);
         let beliefs = self.beliefs.chunks_exact_mut(n_beliefs * joint);
@@ -104,6 +105,11 @@ impl Motion {
                 beliefs.chunks_exact_mut(joint).for_each(|belief| belief[dim] = estimate[dim]);
             }
         }
+        // Against the clock steps may have been missed: of those that passed since, nobody knows what made them.
+        if self.last == step.step.checked_sub(1) {
+            (0..step.actions.len()).for_each(|world| self.learn(world));
+        }
+        self.last = Some(step.step);
     }
 
     /// What is believed of so many worlds, `[worlds, n_beliefs, joint]`.
@@ -111,9 +117,24 @@ impl Motion {
         &self.beliefs[..worlds * self.n_beliefs * self.layout.joint()]
     }
 
-    /// Moves everybody on by a step in which the agent itself did this in each world, and the others nothing. What those
+    /// Moves everybody on by a step in which the agent itself does this in each world, and the others nothing. What those
     /// did counts when the outcome is [put right](Motion::correct).
     pub(super) fn advance(&mut self, actions: &[u32]) {
+        if let Some((_, slopes)) = &mut self.learning {
+            slopes.remember();
+        }
+        self.move_on(actions);
+    }
+
+    /// Takes the last [`advance`](Motion::advance) back and does it again with what was carried out.
+    pub(super) fn revise(&mut self, actions: &[u32]) {
+        if let Some((_, slopes)) = &mut self.learning {
+            slopes.take_back();
+        }
+        self.move_on(actions);
+    }
+
+    fn move_on(&mut self, actions: &[u32]) {
         self.foresee(actions);
         let Motion { dynamics, bodies, layout, agent, moved, n_beliefs, beliefs, expected, learning, .. } =
             self;
@@ -124,16 +145,17 @@ impl Motion {
             for &other in moved.iter() {
                 let own = other == *agent;
                 let push = if own { dynamics.push(other, actions[world] as usize) } else { [0.0; 2] };
-                dynamics.advance_by(law, bodies, other, push, belief, expected);
+                let contact = dynamics.contact_push(bodies, other, belief);
+                dynamics.advance_by(law, bodies, other, [push, contact], belief, expected);
                 if let Some((_, slopes)) = learning {
-                    let contact = dynamics.contact_push(bodies, other, belief);
-                    let pushed = [push[0] + contact[0], push[1] + contact[1]];
-                    slopes.advance(row, (dynamics, bodies), law, other, pushed, belief);
+                    let [of_velocity, of_push] = slopes.of(row);
+                    let pushed = |_, axis: usize| push[axis] + contact[axis];
+                    dynamics.advance_slopes(law, bodies, other, |dim, _| belief[dim].into(), of_velocity);
+                    dynamics.advance_slopes(law, bodies, other, pushed, of_push);
                 }
             }
             bodies.constants().iter().for_each(|&dim| expected[dim] = belief[dim]);
         }
-        self.expects = true;
     }
 
     /// Notes what the agent's own velocity will follow from, where it sees it.
@@ -161,7 +183,7 @@ impl Motion {
         estimate: &[f32],
     ) -> [Option<f64>; 2] {
         let mut seen = [None; 2];
-        if self.expects {
+        if self.last.is_some() {
             let expected = &self.expected[row * self.layout.predicted()..];
             let is_seen = |sender: usize| sender == self.agent || inbox.age(sender) == 0;
             for (dim, axis) in self.bodies.velocities(agent) {
@@ -201,7 +223,7 @@ impl Motion {
         let beliefs = &mut beliefs[rows.start * joint..rows.end * joint];
         beliefs.chunks_exact_mut(joint).for_each(|belief| belief.copy_from_slice(estimate));
         let gain = learning.as_ref().map_or(1.0, |(learner, _)| learner.law(world).gain);
-        for (dim, effect) in dims.iter().filter(|_| self.expects) {
+        for (dim, effect) in dims.iter().filter(|_| self.last.is_some()) {
             let received = inbox.from(dim / unique);
             if let (Some(_), Some((_, slopes))) = (received, &mut *learning) {
                 rows.clone().for_each(|row| slopes.forget(row, *dim));
@@ -226,26 +248,26 @@ impl Motion {
             }
             estimate[*dim] = sum as f32;
         }
-        self.learn(world, shares, estimate);
         self.written[world * joint..][..joint].copy_from_slice(estimate);
     }
 
     /// Learns from the agent's own velocity in a world, where it sees it. Should that follow another law than before, what
-    /// is believed is put right.
-    fn learn(&mut self, world: usize, shares: &[f64], estimate: &mut [f32]) {
-        let Motion { bodies, layout, agent, dims, n_beliefs, beliefs, learning, .. } = self;
+    /// is believed is put right; what was estimated so far is no measure for late news any more.
+    fn learn(&mut self, world: usize) {
+        let Motion { bodies, layout, agent, dims, n_beliefs, beliefs, past, learning, .. } = self;
         let Some((learner, slopes)) = learning else { return };
         let before = learner.law(world);
+        let rows = world * *n_beliefs..(world + 1) * *n_beliefs;
         for (dim, axis) in bodies.velocities(*agent).filter(|(dim, _)| dim / layout.unique == *agent) {
-            learner.observe(world, axis as usize, estimate[dim].into());
+            learner.observe(world, axis as usize, beliefs[rows.start * layout.joint() + dim].into());
         }
         let law = learner.law(world);
-        for (dim, _) in dims.iter().filter(|_| law != before) {
-            for (belief, share) in shares.iter().enumerate() {
-                let row = world * *n_beliefs + belief;
-                let change = slopes.change(row, *dim, before, law);
-                beliefs[row * layout.joint() + dim] += change;
-                estimate[*dim] += (share * f64::from(change)) as f32;
+        if law != before {
+            past.forget(world);
+            for row in rows {
+                for (dim, _) in dims.iter() {
+                    beliefs[row * layout.joint() + dim] += slopes.change(row, *dim, before, law);
+                }
             }
         }
     }

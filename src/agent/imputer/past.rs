@@ -15,18 +15,27 @@ pub struct Past {
     estimates: Vec<f32>,
     /// Steps of the episode so far.
     steps: usize,
+    /// The first step of each world that counts.
+    since: Vec<usize>,
 }
 
 impl Past {
     /// Room for the last `longest_delay` steps.
     pub fn new(layout: JointLayout, worlds: usize, longest_delay: u8) -> Past {
         let kept = longest_delay.into();
-        Past { layout, kept, estimates: vec![0.0; worlds * kept * layout.predicted()], steps: 0 }
+        let estimates = vec![0.0; worlds * kept * layout.predicted()];
+        Past { layout, kept, estimates, steps: 0, since: vec![0; worlds] }
     }
 
     /// An episode begins.
     pub fn begin_episode(&mut self) {
         self.steps = 0;
+        self.since.fill(0);
+    }
+
+    /// The estimates of a world so far are worth nothing any more.
+    pub fn forget(&mut self, world: usize) {
+        self.since[world] = self.steps;
     }
 
     /// Keeps the joint estimates of a step, `[worlds, joint]`.
@@ -59,7 +68,7 @@ impl Past {
     /// and all later ones move. `None` if that step is not kept.
     pub fn put_right(&mut self, world: usize, dim: usize, age: u8, observed: f32) -> Option<f32> {
         let (predicted, kept, age) = (self.layout.predicted(), self.kept, usize::from(age));
-        if age > self.steps.min(kept) {
+        if age > (self.steps - self.since[world]).min(kept) {
             return None;
         }
         let estimates = &mut self.estimates[world * kept * predicted..][..kept * predicted];

@@ -63,8 +63,8 @@ impl Default for Registry {
         Registry { entries: Vec::new() }
             .with_dynamics(
                 "dynamics",
-                "for itself what its own actions make of it by the dynamics in the policy file, for others what the \
-                 policy's best predictor expects",
+                "the own state by its own actions and the dynamics in the policy file, the rest by the policy's best \
+                 predictor",
                 |setup, rest| Ok(Box::new(OwnDynamics::new(setup, rest)?)),
             )
             .with_imputer("hold", "what was received last", |setup| Ok(Box::new(Hold::new(setup))))
@@ -75,17 +75,17 @@ impl Default for Registry {
             )
             .with_dynamics(
                 "particles",
-                "as teammates, the mean of 16 beliefs in which teammates act by chance as their actors would",
+                "like teammates, but the weighted mean of 16 beliefs in which teammates' actions are drawn",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Drawn(PARTICLES))?)),
             )
             .with_dynamics(
                 "shared-dice",
-                "as teammates, with the very draws by which teammates choose: common randomness, lossless",
+                "like teammates, but with the draws by which teammates choose, from a seed that all share: a bound, not a method",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::SharedDice)?)),
             )
             .with_dynamics(
                 "teammates",
-                "as dynamics, and teammates as their actors in the policy file would act on what this agent believes",
+                "like dynamics, and teammates as their actors in the policy file would act on what this agent believes",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Mean)?)),
             )
             .with_imputer(
@@ -196,14 +196,19 @@ impl Registry {
 
     fn unknown(&self, name: &str, policy: &Policy) -> crate::base::error::Error {
         let likeness = |other: &&str| strsim::jaro_winkler(name, other);
-        let nearest = self.names(policy).max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
+        let all = policy.predictor_names().chain(self.entries.iter().map(|entry| entry.name));
+        let nearest = all.max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
         let predictors: Vec<&str> = policy.predictor_names().collect();
-        let always: Vec<&str> = self.entries.iter().map(|entry| entry.name).collect();
+        let named = |of: fn(&Make) -> bool| {
+            let names = self.entries.iter().filter(|entry| of(&entry.make)).map(|entry| entry.name);
+            names.collect::<Vec<_>>().join(", ")
+        };
         usage!(
-            "this policy has no imputer `{name}`; the nearest is `{}`. Its predictors: {}. Always there: {}",
+            "this policy has no imputer `{name}`; the nearest is `{}`. Its predictors: {}. Always there: {}. If it holds dynamics: {}",
             nearest.unwrap_or_default(),
             if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
-            always.join(", ")
+            named(|make| matches!(make, Make::Alone(_))),
+            named(|make| matches!(make, Make::WithDynamics(_)))
         )
     }
 }

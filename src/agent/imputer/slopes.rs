@@ -1,6 +1,6 @@
 //! How much of what is believed is due to the law of motion.
 
-use crate::dynamics::{Bodies, Dynamics, Law};
+use crate::dynamics::Law;
 
 /// The slopes of all beliefs in the two parameters of a [`Law`], with which they are put right once another law is found:
 /// the derivatives of each dim since it was last observed. Linear in the gain; in what a body keeps, the error is of second
@@ -12,11 +12,14 @@ pub(super) struct Slopes {
     keep: Vec<f32>,
     /// In the gain, `[rows, predicted]`.
     gain: Vec<f32>,
+    /// Both as they were before the last step: somebody may have been wrong about it.
+    before: [Vec<f32>; 2],
 }
 
 impl Slopes {
     pub(super) fn new(rows: usize, predicted: usize) -> Slopes {
-        Slopes { predicted, keep: vec![0.0; rows * predicted], gain: vec![0.0; rows * predicted] }
+        let zeros = || vec![0.0; rows * predicted];
+        Slopes { predicted, keep: zeros(), gain: zeros(), before: [zeros(), zeros()] }
     }
 
     /// Nothing depends on the law: an episode starts.
@@ -38,21 +41,24 @@ impl Slopes {
         }
     }
 
-    /// Moves those of an agent on by a step that begins as `belief` says and in which it is pushed like this, by itself and
-    /// others.
-    pub(super) fn advance(
-        &mut self,
-        row: usize,
-        (dynamics, bodies): (&Dynamics, &Bodies),
-        law: Law,
-        agent: usize,
-        pushed: [f64; 2],
-        belief: &[f32],
-    ) {
+    /// A step is about to be made.
+    pub(super) fn remember(&mut self) {
+        let [keep, gain] = &mut self.before;
+        keep.copy_from_slice(&self.keep);
+        gain.copy_from_slice(&self.gain);
+    }
+
+    /// The last step has not been made.
+    pub(super) fn take_back(&mut self) {
+        let [keep, gain] = &self.before;
+        self.keep.copy_from_slice(keep);
+        self.gain.copy_from_slice(gain);
+    }
+
+    /// Those in what a body keeps and in the gain, of all dims in a row.
+    pub(super) fn of(&mut self, row: usize) -> [&mut [f32]; 2] {
         let row = row * self.predicted..(row + 1) * self.predicted;
-        let velocity = |dim: usize, _| f64::from(belief[dim]);
-        dynamics.advance_slopes(law, bodies, agent, velocity, &mut self.keep[row.clone()]);
-        dynamics.advance_slopes(law, bodies, agent, |_, axis| pushed[axis], &mut self.gain[row]);
+        [&mut self.keep[row.clone()], &mut self.gain[row]]
     }
 
     /// A push has added this to a dim.

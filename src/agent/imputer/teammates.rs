@@ -76,7 +76,7 @@ impl Imputer for Teammates {
     fn predict(&mut self, step: &Step) {
         self.others.predict(step);
         let Teammates { motion, teammates, n_beliefs, weights, dice, scratch, .. } = self;
-        motion.keep(step.estimates);
+        motion.keep(step);
         for world in 0..step.actions.len() {
             weights.set_start(world, dice.of(dice.agent, world, 0, step));
         }
@@ -91,7 +91,7 @@ impl Imputer for Teammates {
 
     fn revise(&mut self, step: &Step) {
         self.others.revise(step);
-        self.motion.advance(step.actions);
+        self.motion.revise(step.actions);
     }
 
     fn renew(&mut self, weights: &[f32]) {

@@ -25,8 +25,8 @@ Examples:
   vamaro-swarm bench imputers
   vamaro-swarm bench imputers --task hear-see --imputers value-aware,dynamics --json
 
-One agent of the built-in policy on one thread in one world, to whom nothing is delivered: fuse and
-act are the decision, predict comes after the action is out. The multiply-adds are those of the
+One agent of the built-in policy on one thread in one world, that receives nothing. A decision is
+fuse, which is the imputer's, and the actor; predict comes after the action is out. The multiply-adds are those of the
 networks that the imputer runs in a tick. Each figure is the median of all calls; everything is
 measured in turn, three times.")]
 pub struct BenchImputers {
@@ -34,7 +34,7 @@ pub struct BenchImputers {
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]
     task: String,
 
-    /// The imputers [default: all there are for the policy]
+    /// The imputers [default: all that the policy supports but particles and shared-dice]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     imputers: Vec<String>,
 
