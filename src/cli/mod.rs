@@ -242,7 +242,7 @@ const PHYSICS_HELP: &str = "How bodies move: some of motor_noise (std of the err
 
 fn imputer_help(default: &str) -> String {
     format!(
-        "What stands for lost observations: a predictor of the policy by its name, or {} [default: {default}]",
+        "What replaces lost observations: a predictor of the policy by its name, or {} [default: {default}]",
         Registry::default().help()
     )
 }
