@@ -116,7 +116,17 @@ fn fitting_changes_nothing_of_a_policy_but_what_it_knows_of_dynamics() {
     succeed(&format!(
         "spawn --task spread-xy-2 --policy {fitted} --imputer acting --episodes 5 --in-process"
     ));
+    // In the folder of a run, dynamics stay when it goes on; it does not go on over a predictor that would be lost.
+    succeed(&format!("fit {run}"));
+    succeed(&format!("train --resume --out {run} --steps 2000"));
+    assert!(succeed(&format!("inspect {run}")).contains("dynamics    fitted"));
+    succeed(&format!("fit {run} --imputers acting --updates 2"));
+    fail(&format!("train --resume --out {run} --steps 3000"), 2, &["predictor `acting`", "would be lost"]);
     fail(&format!("fit {fitted} --imputers acting"), 2, &["has a predictor `acting`"]);
+    fail(&format!("fit {run} --imputers a/b"), 2, &["--imputers"]);
+    std::fs::write(folder.path().join("other.txt"), "not a policy").unwrap();
+    let other = folder.path().join("other.txt");
+    fail(&format!("fit {run} --out {}", other.display()), 2, &["no policy file; choose another"]);
     fail(&format!("fit {fitted} --imputers hold"), 2, &["\"hold\", which names another imputer"]);
     fail("fit builtin", 2, &["builtin is no file"]);
     fail(&format!("fit {run} --episodes 0"), 2, &["--episodes"]);

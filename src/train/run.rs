@@ -12,6 +12,7 @@ use super::{Averages, Config};
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
 use crate::metrics::{Metrics, MetricsLog};
+use crate::nn::PolicyFile;
 use crate::supervisor;
 use crate::{failed, plot, usage};
 
@@ -37,6 +38,8 @@ pub struct Run {
     saved: (Instant, Duration),
     /// When this sitting began, and the seconds of all before it.
     began: (Instant, f64),
+    /// What the policy file held when this sitting began. Dynamics that were fitted to the environment stay in it.
+    held: Option<PolicyFile>,
 }
 
 /// Checkpoints are no further apart.
@@ -91,6 +94,7 @@ impl Run {
                 folder.path().display()
             ));
         }
+        let held = held(&folder.policy(), &config)?;
         let trainer = Trainer::restore(config, pace.threads, &checkpoint)?;
         let columns = columns(&trainer.config);
         let log = match checkpoint.progress.rows {
@@ -98,12 +102,13 @@ impl Run {
             rows => MetricsLog::resume(folder.path(), &columns, rows)?,
         };
         trainer.config.save(&folder.config())?;
-        Ok(Run::assemble(folder, trainer, pace, log))
+        Ok(Run { held, ..Run::assemble(folder, trainer, pace, log) })
     }
 
     fn assemble(folder: RunFolder, trainer: Trainer, pace: Pace, log: MetricsLog) -> Run {
         let began = (Instant::now(), trainer.state.progress.seconds);
-        Run { folder, trainer, pace, log, trials: Vec::new(), saved: (Instant::now(), Duration::ZERO), began }
+        let saved = (Instant::now(), Duration::ZERO);
+        Run { folder, trainer, pace, log, trials: Vec::new(), saved, began, held: None }
     }
 
     /// What it was told.
@@ -221,7 +226,13 @@ impl Run {
         self.log.sync()?;
         self.trainer.state.progress.seconds = self.seconds();
         self.trainer.state.save(self.config(), &self.folder.checkpoint())?;
-        self.trainer.policy()?.save(&self.folder.policy())?;
+        let policy = self.trainer.policy()?;
+        let dynamics = self.held.as_ref().and_then(|held| held.dynamics.clone());
+        let policy = match dynamics {
+            Some(dynamics) => policy.with_dynamics(dynamics),
+            None => policy,
+        };
+        policy.save(&self.folder.policy())?;
         self.draw_curves()?;
         self.saved = (Instant::now(), started.elapsed());
         Ok(())
@@ -256,4 +267,24 @@ impl From<Error> for Stopped {
     fn from(error: Error) -> Stopped {
         Stopped::Otherwise(error)
     }
+}
+
+/// What the policy file of a run holds, if there is one.
+///
+/// # Errors
+/// `Usage` if that is a predictor which the run does not train: it was fitted to a policy that is about to change.
+fn held(path: &Path, config: &Config) -> Result<Option<PolicyFile>> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let file = PolicyFile::read(path)?;
+    let mut predictors = file.networks.predictors.iter().map(|predictor| &predictor.name);
+    if let Some(name) = predictors.find(|name| !config.predictors.contains(name)) {
+        return Err(usage!(
+            "{} holds the predictor `{name}`, which was fitted to the policy as it is, and would be lost; copy the file \
+             elsewhere and remove it from there, and fit again when the run is over",
+            path.display()
+        ));
+    }
+    Ok(Some(file))
 }
