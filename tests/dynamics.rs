@@ -130,4 +130,5 @@ fn fitting_changes_nothing_of_a_policy_but_what_it_knows_of_dynamics() {
     fail(&format!("fit {fitted} --imputers hold"), 2, &["\"hold\", which names another imputer"]);
     fail("fit builtin", 2, &["builtin is no file"]);
     fail(&format!("fit {run} --episodes 0"), 2, &["--episodes"]);
+    fail(&format!("fit {run} --physics damping=0.3"), 2, &["needs --out"]);
 }

@@ -79,6 +79,12 @@ impl Fit {
         let file = PolicyFile::read(path)?;
         let task = Task::parse(&file.meta.task)?.with_physics(self.physics)?;
         let mut policy = source.load(task.spec())?;
+        if self.out.is_none() && !self.physics.is_default() {
+            return Err(usage!(
+                "--physics needs --out: what is fitted to other physics does not belong into {}",
+                path.display()
+            ));
+        }
         let out = self.out.as_ref().unwrap_or(path);
         if out.exists() && PolicyFile::read(out).is_err() {
             return Err(usage!(
