@@ -76,19 +76,19 @@ mod tests {
     use crate::agent::PolicySource;
     use crate::environment::Task;
 
-    /// What agent 0 of spread-xy-2, which receives nothing, believes of its other axis after it has done these things; what it
-    /// was mistaken about is put right afterwards.
-    fn believes(done: &[u32], mistaken: &[u32]) -> [f32; 2] {
+    /// What agent 0 of spread-xy-2, which receives nothing, believes of its other axis after it has done these things, if it
+    /// sees itself keep so much of its velocity; what it was mistaken about is put right afterwards.
+    fn believes(done: &[u32], mistaken: &[u32], keep: f64) -> [f32; 2] {
         let task = Task::parse("spread-xy-2").unwrap();
         let policy = PolicySource::Builtin.load(task.spec()).unwrap();
         let setup = Setup::of(task.spec(), &policy, 0);
         let mut imputer = OwnDynamics::new(&setup, Box::new(Hold::new(&setup))).unwrap();
         imputer.begin_episodes(1);
-        // Far from its teammate, so that they do not touch.
-        let own = [0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let mut estimate = vec![0.0; task.spec().joint_dim()];
+        let (mut estimate, mut velocity) = (vec![0.0; task.spec().joint_dim()], 0.0f32);
+        // Its place along x, far from its teammate's, so that they do not touch, and its velocity.
+        let own = |velocity| [0.0, 5.0, velocity, 0.0, 0.0, 0.0, 0.0, 0.0];
         for (step, (done, mistaken)) in (0..).zip(done.iter().zip(mistaken)) {
-            imputer.fuse(0, &own, &Inbox::of(2, |_| None), &mut estimate);
+            imputer.fuse(0, &own(velocity), &Inbox::of(2, |_| None), &mut estimate);
             let told = |action| Step {
                 episode: 0,
                 step,
@@ -99,8 +99,10 @@ mod tests {
             if mistaken != done {
                 imputer.revise(&told(done));
             }
+            let push = policy.dynamics().unwrap().push(0, *done as usize)[0];
+            velocity = (keep * f64::from(velocity) + push) as f32;
         }
-        imputer.fuse(0, &own, &Inbox::of(2, |_| None), &mut estimate);
+        imputer.fuse(0, &own(velocity), &Inbox::of(2, |_| None), &mut estimate);
         // In the observation of agent 1: its own place and that of agent 0 along y come first, then the velocities.
         [estimate[4], estimate[6]]
     }
@@ -108,54 +110,22 @@ mod tests {
     #[test]
     fn the_own_state_follows_from_the_own_actions_where_only_a_teammate_sees_it() {
         // Up, up, nothing: v = 0.5, 0.875, 0.65625; y is the sum of these, a tenth of a second each.
-        let [place, velocity] = believes(&[3, 3, 0], &[3, 3, 0]);
+        let [place, velocity] = believes(&[3, 3, 0], &[3, 3, 0], 0.75);
         assert!((place - 0.203_125).abs() < 1e-6 && (velocity - 0.656_25).abs() < 1e-6, "{place} {velocity}");
     }
 
     #[test]
     fn a_mistake_about_the_own_action_leaves_nothing_behind() {
-        assert_eq!(believes(&[3, 1, 0], &[4, 3, 0]), believes(&[3, 1, 0], &[3, 1, 0]));
-        assert_ne!(believes(&[3, 1, 0], &[3, 1, 0]), believes(&[4, 1, 0], &[4, 1, 0]));
+        let right = believes(&[3, 1, 0], &[3, 1, 0], 0.75);
+        assert_eq!(believes(&[3, 1, 0], &[4, 3, 0], 0.75), right);
+        assert_ne!(right, believes(&[4, 1, 0], &[4, 1, 0], 0.75));
     }
 
     #[test]
     fn a_mistake_leaves_nothing_behind_when_another_law_is_found_afterwards() {
-        let believes = |mistaken: &[u32]| {
-            let task = Task::parse("spread-xy-2").unwrap();
-            let policy = PolicySource::Builtin.load(task.spec()).unwrap();
-            let setup = Setup::of(task.spec(), &policy, 0);
-            let mut imputer = OwnDynamics::new(&setup, Box::new(Hold::new(&setup))).unwrap();
-            imputer.begin_episodes(1);
-            let (done, keep) = ([1, 3, 2, 3, 1, 0], 0.6);
-            let (mut estimate, mut velocity) = (vec![0.0; task.spec().joint_dim()], 0.0f32);
-            for (step, (done, mistaken)) in (0..).zip(done.iter().zip(mistaken)) {
-                // Its place along x, far from its teammate's, and its velocity.
-                let own = [0.0, 5.0, velocity, 0.0, 0.0, 0.0, 0.0, 0.0];
-                imputer.fuse(0, &own, &Inbox::of(2, |_| None), &mut estimate);
-                let told = |action| Step {
-                    episode: 0,
-                    step,
-                    estimates: &estimate,
-                    actions: std::slice::from_ref(action),
-                };
-                imputer.predict(&told(mistaken));
-                if mistaken != done {
-                    imputer.revise(&told(done));
-                }
-                let push = policy.dynamics().unwrap().push(0, *done as usize)[0];
-                velocity = (keep * f64::from(velocity) + push) as f32;
-            }
-            imputer.fuse(
-                0,
-                &[0.0, 5.0, velocity, 0.0, 0.0, 0.0, 0.0, 0.0],
-                &Inbox::of(2, |_| None),
-                &mut estimate,
-            );
-            [estimate[4], estimate[6]]
-        };
         let done = [1, 3, 2, 3, 1, 0];
-        let [place, velocity] = believes(&done);
-        assert_eq!(believes(&[1, 4, 2, 3, 1, 0]), [place, velocity]);
+        let [place, velocity] = believes(&done, &done, 0.6);
+        assert_eq!(believes(&done, &[1, 4, 2, 3, 1, 0], 0.6), [place, velocity]);
         // Up twice, in the second and the fourth step, with the damping that its other axis shows.
         let truth = 0.5 * (0.6f32.powi(4) + 0.6f32.powi(2));
         assert!((velocity - truth).abs() < 0.02, "{velocity} {truth}");

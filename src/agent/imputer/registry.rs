@@ -22,9 +22,6 @@ const DEFAULT: &str = "dynamics";
 /// The predictor that is used if the policy has it but no dynamics, and nobody says otherwise.
 pub const PREFERRED: &str = "value-aware";
 
-/// What no evaluation plays unless it is asked for.
-const ASKED_FOR: [&str; 2] = ["particles", "shared-dice"];
-
 /// Beliefs about each world of the imputer `particles`.
 const PARTICLES: usize = 16;
 
@@ -42,6 +39,8 @@ struct Entry {
     name: &'static str,
     description: &'static str,
     make: Make,
+    /// Whether no evaluation plays it unless it is asked for.
+    only_on_request: bool,
 }
 
 #[derive(Clone)]
@@ -78,11 +77,13 @@ impl Default for Registry {
                 "like teammates, but the weighted mean of 16 beliefs in which teammates' actions are drawn",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Drawn(PARTICLES))?)),
             )
+            .only_on_request()
             .with_dynamics(
                 "shared-dice",
                 "like teammates, but with the draws by which teammates choose, from a seed that all share: a bound, not a method",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::SharedDice)?)),
             )
+            .only_on_request()
             .with_dynamics(
                 "teammates",
                 "like dynamics, and teammates as their actors in the policy file would act on what this agent believes",
@@ -107,7 +108,12 @@ impl Registry {
         make: impl Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync + 'static,
     ) -> Registry {
         self.entries.retain(|entry| entry.name != name);
-        self.entries.push(Entry { name, description, make: Make::Alone(Arc::new(make)) });
+        self.entries.push(Entry {
+            name,
+            description,
+            make: Make::Alone(Arc::new(make)),
+            only_on_request: false,
+        });
         self
     }
 
@@ -117,7 +123,18 @@ impl Registry {
         description: &'static str,
         make: MakeWithDynamics,
     ) -> Registry {
-        self.entries.push(Entry { name, description, make: Make::WithDynamics(make) });
+        self.entries.push(Entry {
+            name,
+            description,
+            make: Make::WithDynamics(make),
+            only_on_request: false,
+        });
+        self
+    }
+
+    /// No evaluation plays the last entry unless it is asked for.
+    fn only_on_request(mut self) -> Registry {
+        self.entries.iter_mut().next_back().expect("there is an entry").only_on_request = true;
         self
     }
 
@@ -127,9 +144,10 @@ impl Registry {
     pub fn names<'a>(&'a self, policy: &'a Policy) -> impl Iterator<Item = &'a str> {
         let needs = |entry: &&Entry| match entry.make {
             Make::Alone(_) => true,
-            Make::WithDynamics(_) => policy.dynamics().is_some() && !ASKED_FOR.contains(&entry.name),
+            Make::WithDynamics(_) => policy.dynamics().is_some(),
         };
-        policy.predictor_names().chain(self.entries.iter().filter(needs).map(|entry| entry.name))
+        let entries = self.entries.iter().filter(|entry| !entry.only_on_request).filter(needs);
+        policy.predictor_names().chain(entries.map(|entry| entry.name))
     }
 
     /// The imputers that need no predictor, with what each takes lost values for, for a help text.
