@@ -1,5 +1,5 @@
 //! A lost observation never reaches imputer or policy, and a delayed one not before it arrives: with the payloads of all
-//! that has not arrived replaced by NaN, nothing changes by a bit.
+//! that has not arrived replaced by an absurd number, nothing changes by a bit.
 
 mod common;
 
@@ -33,7 +33,10 @@ struct Sent {
 /// When what is sent arrives. What is not in it is lost, or has been overtaken.
 type Arrivals = HashMap<Sent, u64>;
 
-/// A port that replaces what has not arrived at the end by NaN before the agent receives it.
+/// What stands for what has not arrived: no NaN, which an inbox refuses, but nothing an agent has ever seen.
+const POISON: f32 = 9e8;
+
+/// A port that replaces what has not arrived at the end by poison before the agent receives it.
 struct Poisoned {
     port: LocalPort,
     layout: Layout,
@@ -65,7 +68,7 @@ impl AgentPort for Poisoned {
             for (world, words) in words.chunks_exact_mut(self.layout.observation).enumerate() {
                 let arrives = self.arrivals.get(&Sent { tick, world, from, to });
                 if arrives.is_none_or(|tick| *tick > self.end) {
-                    words.fill(f32::NAN.to_bits());
+                    words.fill(POISON.to_bits());
                 }
             }
         })))

@@ -68,7 +68,7 @@ fn interrupting_takes_everything_down() {
 
 #[test]
 fn an_agent_that_dies_ends_the_swarm_with_its_name() {
-    let swarm = Swarm::start("--agents 4 --p 0.2");
+    let swarm = Swarm::start("--agents 4 --p 0.2 --on-failure abort");
     let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
     kill_process(agents[2], Signal::KILL).unwrap();
     let (code, _, stderr) = swarm.wait();
@@ -79,7 +79,7 @@ fn an_agent_that_dies_ends_the_swarm_with_its_name() {
 
 #[test]
 fn a_slow_agent_changes_nothing() {
-    let words = "--agents 2 --p 0.5 --episodes 3000 --json --audit";
+    let words = "--agents 2 --p 0.5 --episodes 3000 --deadline 60s --json --audit";
     let result = |json: &Value| (json["return_mean"].clone(), json["imputation_rmse"].clone());
     let undisturbed: Value = serde_json::from_str(&succeed(&format!("spawn {words}"))).unwrap();
     let swarm = Swarm::start(words);

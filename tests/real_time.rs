@@ -85,7 +85,7 @@ fn a_large_team_in_several_worlds_counts_what_it_did() {
 }
 
 /// Periods of 100 s: longer than anybody waits for the swarm to end.
-const SLOW: &str = "--task hear-see --rate 0.01";
+const SLOW: &str = "--task hear-see --rate 0.01 --on-failure abort";
 
 #[test]
 fn an_agent_that_dies_ends_the_swarm_also_between_ticks() {

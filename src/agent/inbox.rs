@@ -7,6 +7,8 @@ use crate::bus::{Header, Kind, NOT_ARRIVED, Sample};
 #[derive(Debug)]
 pub struct Mailbox<S> {
     agents: usize,
+    /// How often each peer has been started before, as far as is known.
+    incarnations: [u32; MAX_AGENTS],
     /// `[agents, kept]`: a message stands where its tick says, in place of the one so many ticks before it.
     messages: Vec<Option<S>>,
     /// Messages of a peer that are kept: as many as can be under way, and one.
@@ -36,24 +38,30 @@ impl<S: Sample> Mailbox<S> {
     /// `longest_delay` ticks at most.
     pub fn new(agents: usize, swarm: u64, observation: usize, longest_delay: u8) -> Mailbox<S> {
         let kept = usize::from(longest_delay) + 1;
-        Mailbox { agents, messages: (0..agents * kept).map(|_| None).collect(), kept, swarm, observation }
+        let messages = (0..agents * kept).map(|_| None).collect();
+        Mailbox { agents, incarnations: [0; MAX_AGENTS], messages, kept, swarm, observation }
     }
 
-    /// Takes a message in, unless it is not an observation of this swarm.
+    /// Takes a message in, unless it is not an observation of this swarm, or one of a process that has been replaced, or
+    /// holds what no observation can be. What is refused is as good as lost.
     pub fn accept(&mut self, sample: S) {
-        let Header { sender, worlds, tick, .. } = *sample.header();
-        let words = sample.words().len();
+        let Header { sender, worlds, tick, incarnation, .. } = *sample.header();
+        let (sender, words) = (sender as usize, sample.words().len());
         let fits = sample.header().fits(Kind::Observation, self.swarm, words)
-            && words == worlds as usize * self.observation;
-        if fits && (sender as usize) < self.agents {
-            let place = self.place(sender as usize, tick);
+            && words == worlds as usize * self.observation
+            && sender < self.agents
+            && incarnation >= self.incarnations[sender];
+        if fits && is_sane(bytemuck::cast_slice(sample.words())) {
+            self.incarnations[sender] = incarnation;
+            let place = self.place(sender, tick);
             self.messages[place] = Some(sample);
         }
     }
 
-    /// True if the observations of this tick are in from everybody but the agent itself.
-    pub fn complete(&self, agent: usize, tick: u64) -> bool {
-        (0..self.agents).all(|sender| sender == agent || self.made_at(sender, tick).is_some())
+    /// True if the observations of this tick are in from everybody but those who are left out, bit by bit: the agent itself,
+    /// and who is not there.
+    pub fn complete(&self, tick: u64, but: u64) -> bool {
+        (0..self.agents).all(|sender| but >> sender & 1 == 1 || self.made_at(sender, tick).is_some())
     }
 
     /// What arrives in one world at the tick whose sensor message has this header, by `ages` of each sender.
@@ -79,6 +87,13 @@ impl<S: Sample> Mailbox<S> {
     fn place(&self, sender: usize, tick: u64) -> usize {
         sender * self.kept + (tick % self.kept as u64) as usize
     }
+}
+
+/// Whether an observation can be one: all its values are numbers, and none is beyond what places, velocities and forces of
+/// any world come to.
+fn is_sane(observation: &[f32]) -> bool {
+    const LARGEST: f32 = 1e9;
+    observation.iter().all(|value| value.abs() <= LARGEST)
 }
 
 impl<'a> Inbox<'a> {
@@ -130,9 +145,9 @@ mod tests {
     fn only_what_the_links_delivered_gets_in() {
         let mut mailbox = Mailbox::new(3, 1, 2, 0);
         mailbox.accept(observation(1, 7, &[1.0, 2.0, 3.0, 4.0]));
-        assert!(!mailbox.complete(0, 7));
+        assert!(!mailbox.complete(7, 1));
         mailbox.accept(observation(2, 7, &[5.0, 6.0, 7.0, 8.0]));
-        assert!(mailbox.complete(0, 7) && !mailbox.complete(0, 8));
+        assert!(mailbox.complete(7, 1) && !mailbox.complete(8, 1));
         let inbox = mailbox.deliver(1, &[0, 0, NOT_ARRIVED], &at(7));
         assert_eq!(inbox.from(1), Some(Received { age: 0, observation: &[3.0, 4.0] }));
         assert_eq!(inbox.from(2), None);
@@ -149,7 +164,7 @@ mod tests {
             let inbox = mailbox.deliver(0, &[0, age], &at(12));
             assert_eq!(inbox.from(1), Some(Received { age, observation: &[f32::from(12 - age), 0.0] }));
         }
-        assert!(mailbox.complete(0, 12));
+        assert!(mailbox.complete(12, 1));
         // What has been replaced, and what has not been made.
         assert_eq!(mailbox.deliver(0, &[0, 4], &at(12)).from(1), None);
         assert_eq!(mailbox.deliver(0, &[0, 0], &at(13)).from(1), None);
@@ -178,7 +193,7 @@ mod tests {
         assert_eq!(mailbox.deliver(0, &[0; 2], &at(7)).from(1), None);
         mailbox.accept(observation(9, 7, &[1.0, 2.0]));
         mailbox.accept(observation(1, 7, &[1.0, 2.0, 3.0]));
-        assert!(!mailbox.complete(0, 7));
+        assert!(!mailbox.complete(7, 1));
         // A world that the message does not speak for.
         mailbox.accept(observation(1, 7, &[1.0, 2.0]));
         assert_eq!(mailbox.deliver(1, &[0; 2], &at(7)).from(1), None);

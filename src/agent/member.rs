@@ -18,6 +18,8 @@ pub struct Member<P: AgentPort> {
     identity: Header,
     mailbox: Mailbox<P::Sample>,
     sensor: Option<P::Sample>,
+    /// The tick of the last decision; ticks are counted from 1.
+    decided: u64,
     /// That of world 0.
     episode: Option<u64>,
     /// How old what reached the agent is, `[worlds, agents]`.
@@ -46,7 +48,7 @@ impl<P: AgentPort> Member<P> {
             ..Header::default()
         };
         let mailbox = Mailbox::new(agent.team(), swarm, layout.observation, agent.longest_delay());
-        Member { agent, port, layout, identity, mailbox, sensor: None, episode: None, ages: Vec::new() }
+        Member { agent, port, layout, identity, mailbox, sensor: None, decided: 0, episode: None, ages: Vec::new() }
     }
 
     /// The agent's port.
@@ -67,6 +69,10 @@ impl<P: AgentPort> Member<P> {
             let (header, words) = (*sample.header(), sample.words().len());
             if header.fits(Kind::Shutdown, swarm, 0) {
                 return Ok(Sensed::Shutdown);
+            }
+            // It may be told again whom to wait for.
+            if header.fits(Kind::Sensor, swarm, words) && header.tick <= self.decided {
+                continue;
             }
             if !header.fits(Kind::Sensor, swarm, words)
                 || words != self.layout.sensor_words(header.worlds as usize)
@@ -104,16 +110,17 @@ impl<P: AgentPort> Member<P> {
         while let Some(sample) = self.port.receive_observation()? {
             self.mailbox.accept(sample);
         }
-        let tick = self.sensor.as_ref().expect("collect follows sense").header().tick;
-        Ok(self.mailbox.complete(self.agent.index(), tick))
+        let Header { tick, absent, .. } = *self.sensor.as_ref().expect("collect follows sense").header();
+        Ok(self.mailbox.complete(tick, absent | 1 << self.agent.index()))
     }
 
     /// Applies the links, fuses, acts and publishes the decision.
     pub fn decide(&mut self) -> Result<()> {
         let received_ns = now_ns();
         let sample = self.sensor.as_ref().expect("decide follows sense");
-        let Header { episode, step, worlds, .. } = *sample.header();
+        let Header { episode, step, tick, worlds, .. } = *sample.header();
         let worlds = worlds as usize;
+        self.decided = tick;
         let sensor = self.layout.sensor(sample.words(), worlds);
         if step > 0 {
             self.agent.correct(episode, step - 1, sensor.carried_out)?;

@@ -48,7 +48,7 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     let mut agent = Agent::new(settings, *agent)?;
     agent.warm_up();
     let layout = settings.layout();
-    let port = open(address, &layout, agent.index())?;
+    let port = open(address, &layout, agent.index(), *incarnation)?;
     // The supervisor is process 0.
     let granted = scheduling.apply(agent.index() + 1);
     let mut member = Member::new(agent, port, layout, address.id(), *incarnation);
@@ -134,10 +134,15 @@ fn sleep(member: &SharedMember, longest: Duration) -> Result<()> {
     member.port().sleep(longest)
 }
 
-fn open(address: &SwarmAddress, layout: &crate::bus::Layout, agent: usize) -> Result<AgentSharedPort> {
+fn open(
+    address: &SwarmAddress,
+    layout: &crate::bus::Layout,
+    agent: usize,
+    incarnation: u32,
+) -> Result<AgentSharedPort> {
     let deadline = Instant::now() + OPEN_DEADLINE;
     loop {
-        match AgentSharedPort::open(address, layout, agent) {
+        match AgentSharedPort::open(address, layout, agent, incarnation) {
             Err(_) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(20)),
             result => return result,
         }

@@ -39,6 +39,8 @@ pub enum Purpose {
     Motor = 10,
     /// What an agent imagines a teammate to do.
     Imagination = 11,
+    /// Which agents are killed or stopped on purpose.
+    Chaos = 12,
 }
 
 /// The draws of one (seed, purpose, episode, step).

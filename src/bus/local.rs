@@ -31,7 +31,7 @@ impl Sample for LocalSample {
 }
 
 /// The supervisor's side: puts sensor messages in, takes decisions out.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct LocalHub(Rc<RefCell<Queues>>);
 
 #[derive(Debug)]

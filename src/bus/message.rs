@@ -7,7 +7,7 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Version of the header and the layouts; a receiver refuses any other.
-pub const PROTOCOL: u32 = 5;
+pub const PROTOCOL: u32 = 6;
 
 /// The age of an observation that has not arrived. Every other age says how many ticks ago the observation that arrives
 /// now was made: 0 if at this tick.
@@ -63,6 +63,8 @@ pub struct Header {
     /// When agents decide with the observations that have arrived, nanoseconds of the monotonic clock; 0 in lockstep,
     /// where they wait for all of them.
     pub deadline_ns: u64,
+    /// The agents that are not there at this tick, bit by bit: nobody waits for them.
+    pub absent: u64,
 }
 
 impl Header {

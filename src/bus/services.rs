@@ -86,7 +86,7 @@ impl Limits {
 /// Whether a process makes the services or finds them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Role {
-    /// Creates every service, with explicit limits, and cleans up after dead nodes.
+    /// Creates every service, with explicit limits.
     Supervisor,
     /// Only opens.
     Agent,
@@ -208,23 +208,23 @@ pub(crate) fn node(tag: &str, role: Role) -> Result<Node<ipc::Service>> {
     NodeBuilder::new()
         .name(&name.as_str().try_into().map_err(bus_error("name the node"))?)
         .signal_handling_mode(SignalHandlingMode::Disabled)
-        .config(&config(tag, role)?)
+        .config(&config(tag)?)
         .create()
         .map_err(bus_error("create a node"))
 }
 
 /// Built here and nowhere else: iceoryx2's global configuration reads files of the working directory.
-fn config(tag: &str, role: Role) -> Result<Config> {
+fn config(tag: &str) -> Result<Config> {
     let mut config = Config::default();
     let root = root_of(tag);
     let root = Path::new(root.as_os_str().as_encoded_bytes()).map_err(bus_error("name its directory"))?;
     config.global.set_root_path(&root);
     config.global.prefix =
         FileName::new(prefix_of(tag).as_bytes()).map_err(bus_error("name its shared memory"))?;
-    let cleans = role == Role::Supervisor;
-    config.global.node.cleanup_dead_nodes_on_creation = cleans;
-    config.global.node.cleanup_dead_nodes_on_destruction = cleans;
-    config.global.service.cleanup_dead_nodes_on_open = cleans;
+    // A swarm begins with nobody and its directory ends with everything: cleaning is for when an agent is started anew.
+    config.global.node.cleanup_dead_nodes_on_creation = false;
+    config.global.node.cleanup_dead_nodes_on_destruction = false;
+    config.global.service.cleanup_dead_nodes_on_open = false;
     Ok(config)
 }
 

@@ -122,9 +122,19 @@ pub struct AgentSharedPort {
 }
 
 impl AgentSharedPort {
-    /// Opens the ports of one agent of the swarm at `address`.
-    pub fn open(address: &SwarmAddress, layout: &Layout, agent: usize) -> Result<AgentSharedPort> {
+    /// Opens the ports of one agent of the swarm at `address`. One that takes the place of another first frees what the dead
+    /// hold: their places in services, and their shared memory. They must have been reaped.
+    pub fn open(
+        address: &SwarmAddress,
+        layout: &Layout,
+        agent: usize,
+        incarnation: u32,
+    ) -> Result<AgentSharedPort> {
         let node = address.node(Role::Agent)?;
+        if incarnation > 0 {
+            // Not done by the supervisor: where iceoryx2 meets damage in shared memory, it waits without a bound.
+            node.try_cleanup_dead_nodes();
+        }
         let Services { observations, decisions, weights, wake_agents, wake_supervisor } =
             address.services(&node, Role::Agent)?;
         Ok(AgentSharedPort {

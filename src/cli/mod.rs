@@ -12,6 +12,7 @@ mod machine;
 mod plot;
 mod progress;
 mod reporter;
+mod requirement;
 mod spawn;
 mod summary;
 mod tasks;

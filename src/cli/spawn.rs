@@ -2,10 +2,12 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::requirement::{self, Requirement};
 use super::summary::{Outcome, Summary};
 use super::{PHYSICS_HELP, imputer_help, policy_source, print, print_json, probability, rate, tell};
 use crate::agent::{AgentSettings, PolicySource, Registry};
@@ -19,7 +21,8 @@ use crate::link::{self, CommunicationMatrix, LinkSpec, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::RecordingHeader;
 use crate::supervisor::{
-    Audit, Conduct, InProcess, Ledger, Observer, Processes, Recorder, Session, Statistics, Team, signals,
+    Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure, Processes, Recorder,
+    Session, Statistics, Team, parse_duration, signals,
 };
 use crate::{failed, usage};
 
@@ -111,6 +114,29 @@ pub struct Spawn {
         conflicts_with = "in_process", help_heading = REAL_TIME)]
     fifo: Option<u8>,
 
+    /// What to do when an agent dies or hangs: abort the run, continue without the agent, or restart it. While it is away its
+    /// peers impute what it would have sent, and its action is none, or the last one with --rate [default: restart; with
+    /// --audit or --record: abort]
+    #[arg(long, value_enum, value_name = "WHAT", conflicts_with = "in_process", help_heading = FAULTS)]
+    on_failure: Option<OnFailure>,
+
+    /// How long an agent may take for a tick before it counts as hung and is killed, half of it to publish its
+    /// observation; with --rate how long it may miss ticks
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration,
+        conflicts_with = "in_process", help_heading = FAULTS)]
+    deadline: Duration,
+
+    /// Kill and stop agents on purpose: with this probability at each tick and for so long, such as
+    /// 'kill=0.01:500ms, stop=0.005:200ms'. A killed agent returns without memory, a stopped one goes on. In lockstep the
+    /// time is a number of ticks, and the same seed gives the same run. Needs --worlds 1
+    #[arg(long, value_name = "CHAOS", conflicts_with = "record", help_heading = FAULTS)]
+    chaos: Option<ChaosSpec>,
+
+    /// End with exit code 3 if the run does not keep to this (may be given more than once): return, delivered, late, missed,
+    /// absent, deaths, hangs or rate, such as 'missed<=0.001' or 'rate>=99'
+    #[arg(long, value_name = "REQUIREMENT", help_heading = FAULTS)]
+    require: Vec<Requirement>,
+
     /// Count each part of each policy input as own, received or imputed, and compare it with what was
     /// sent
     #[arg(long)]
@@ -127,6 +153,8 @@ pub struct Spawn {
 
 const REAL_TIME: &str = "Real time (what the kernel refuses is said, and done without)";
 
+const FAULTS: &str = "Faults";
+
 const EXAMPLES: &str = "\
 Examples:
   vamaro-swarm spawn --agents 4 --p 0.2
@@ -135,6 +163,7 @@ Examples:
   vamaro-swarm spawn --agents 4 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
   vamaro-swarm spawn --agents 4 --p 0 --physics motor_noise=0.3,damping=0.3,mass=1.2
   vamaro-swarm spawn --agents 4 --p 0.2 --rate 100     in real time, 100 Hz
+  vamaro-swarm spawn --agents 4 --p 0.2 --chaos kill=0.01 --require 'return>=-900'
   vamaro-swarm spawn --task SXY-4 --p 0.6 --record trace.json && vamaro-swarm verify trace.json";
 
 fn after_help() -> String {
@@ -164,14 +193,14 @@ impl Spawn {
             wait: (!self.in_process).then_some(self.wait),
             rate: self.rate,
             scheduling: None,
+            chaos: self.chaos,
             episodes: self.episodes,
         };
-        let mut punctuality = None;
-        let (statistics, audit) = if self.in_process {
+        let (mut punctuality, mut faults) = (None, None);
+        let played = if self.in_process {
             self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder)?
         } else {
-            let conduct = Conduct { wait: self.wait, rate: self.rate, scheduling, ..Conduct::default() };
-            let mut team = Processes::start(&settings, &policy, conduct)?;
+            let mut team = Processes::start(&settings, &policy, self.conduct(scheduling)?)?;
             summary.scheduling = team.grants().cloned();
             if self.wait == Wait::Spin && task.spec().n_agents() >= cores() {
                 tell(&format!(
@@ -184,38 +213,61 @@ impl Spawn {
                 tell(&format!("note: {refused}"));
             }
             let played = self.play(&mut team, &summary, recorder)?;
-            punctuality = team.punctuality().cloned();
+            (punctuality, faults) = (team.punctuality().cloned(), Some(team.faults().clone()));
             played
         };
-        let outcome =
-            Outcome { statistics: &statistics, audit: audit.as_ref(), punctuality: punctuality.as_ref() };
+        let outcome = Outcome {
+            statistics: &played.statistics,
+            audit: played.audit.as_ref(),
+            punctuality: punctuality.as_ref(),
+            faults: faults.as_ref(),
+            injected: played.injected,
+        };
         if self.json {
             print_json(&summary.json(&outcome))?;
         } else {
             print(&summary.text(&outcome))?;
         }
-        let played = statistics.episodes().len() as u64;
-        match audit {
+        match played.audit {
             Some(audit) if !audit.holds() => Err(failed!("the audit found what must not be: {audit}")),
-            _ if played < self.episodes => {
-                Err(Error::Interrupted(format!("interrupted after {played} of {} episodes", self.episodes)))
-            }
-            _ => Ok(()),
+            _ => played.ended.and_then(|()| requirement::check(&self.require, &outcome)),
         }
     }
 
-    /// Plays all episodes, or those before an interruption.
+    fn conduct(&self, scheduling: Scheduling) -> Result<Conduct> {
+        // Where every tick is looked at, none may be without an agent unnoticed.
+        let exact = self.audit || self.record.is_some();
+        let usual = if exact { OnFailure::Abort } else { OnFailure::Restart };
+        let on_failure = self.on_failure.unwrap_or(usual);
+        if self.record.is_some() && on_failure != OnFailure::Abort {
+            return Err(usage!("--record needs --on-failure abort: a trace cannot say who was absent"));
+        }
+        Ok(Conduct {
+            wait: self.wait,
+            rate: self.rate,
+            scheduling,
+            on_failure,
+            deadlines: Deadlines { answer: self.deadline, ..Deadlines::default() },
+            command: None,
+        })
+    }
+
+    /// Plays all episodes, or those before an interruption or a failure.
     fn play(
         &self,
         team: &mut impl Team,
         summary: &Summary,
         mut recorder: Option<Recorder>,
-    ) -> Result<(Statistics, Option<Audit>)> {
+    ) -> Result<Played> {
         if !self.json {
             print(&summary.first_line())?;
         }
         let links = summary.links.build().sharing_at_start(summary.comm_at_t0);
         let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed);
+        if let Some(chaos) = self.chaos {
+            let tick = self.rate.map_or(summary.task.spec().dt, |rate| 1.0 / rate);
+            session = session.with_chaos(chaos, Duration::from_secs_f64(tick))?;
+        }
         let bar = progress_bar(self.episodes);
         let mut ledger = Ledger::telling(|statistics| {
             if !bar.is_hidden() {
@@ -227,16 +279,20 @@ impl Spawn {
         let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
         observers.extend(audit.as_mut().map(|audit| audit as &mut dyn Observer));
         observers.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
-        let played = session.play(team, self.episodes, &mut observers);
+        let ended = session.play(team, self.episodes, &mut observers);
         let statistics = ledger.into_statistics();
         bar.finish_and_clear();
-        match played {
-            Ok(()) => recorder.map_or(Ok(()), Recorder::finish)?,
+        let played = statistics.episodes().len();
+        let ended = match ended {
+            Ok(()) => recorder.map_or(Ok(()), Recorder::finish),
             // What is finished is worth reporting; half a recording is worth nothing.
-            Err(Error::Interrupted(_)) if !statistics.episodes().is_empty() => {}
-            Err(e) => return Err(e),
-        }
-        Ok((statistics, audit))
+            Err(e) if played == 0 => return Err(e),
+            Err(Error::Interrupted(_)) => {
+                Err(Error::Interrupted(format!("interrupted after {played} of {} episodes", self.episodes)))
+            }
+            Err(e) => Err(e.and(format!("{played} of {} episodes were finished", self.episodes))),
+        };
+        Ok(Played { statistics, audit, injected: session.injected(), ended })
     }
 
     fn find_task(&self, policy: &PolicySource) -> Result<Task> {
@@ -341,6 +397,23 @@ impl Spawn {
         };
         Recorder::create(path, &header)
     }
+}
+
+/// What came of the episodes.
+struct Played {
+    /// Of those that were finished.
+    statistics: Statistics,
+    audit: Option<Audit>,
+    injected: Option<Injected>,
+    /// Why not all of them were, if so.
+    ended: Result<()>,
+}
+
+/// Reads a time such as `1s` or `500ms`.
+fn duration(text: &str) -> std::result::Result<Duration, String> {
+    parse_duration(text)
+        .filter(|time| !time.is_zero())
+        .ok_or_else(|| "expected a time, such as 1s or 500ms".to_owned())
 }
 
 /// A bar on a terminal, nothing elsewhere.

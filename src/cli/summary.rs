@@ -10,7 +10,7 @@ use crate::bus::Wait;
 use crate::environment::Task;
 use crate::link::{CommunicationMatrix, LinkSpec, complement};
 use crate::nn::Meta;
-use crate::supervisor::{Audit, Punctuality, Statistics};
+use crate::supervisor::{Audit, ChaosSpec, Faults, Injected, Punctuality, Statistics};
 
 /// What was asked for. With what came of it, it makes a summary.
 pub(super) struct Summary<'a> {
@@ -25,6 +25,8 @@ pub(super) struct Summary<'a> {
     pub(super) rate: Option<f64>,
     /// What the processes were granted, if they asked for anything.
     pub(super) scheduling: Option<Grants>,
+    /// What befalls agents on purpose.
+    pub(super) chaos: Option<ChaosSpec>,
     pub(super) episodes: u64,
 }
 
@@ -34,6 +36,10 @@ pub(super) struct Outcome<'a> {
     pub(super) audit: Option<&'a Audit>,
     /// `None` in lockstep.
     pub(super) punctuality: Option<&'a Punctuality>,
+    /// `None` in-process.
+    pub(super) faults: Option<&'a Faults>,
+    /// `None` without chaos.
+    pub(super) injected: Option<Injected>,
 }
 
 impl Summary<'_> {
@@ -72,7 +78,7 @@ impl Summary<'_> {
 
     /// The rest, for people.
     pub(super) fn text(&self, outcome: &Outcome) -> String {
-        let Outcome { statistics, audit, punctuality } = *outcome;
+        let Outcome { statistics, audit, punctuality, faults, injected } = *outcome;
         let actions = if self.settings.greedy { "greedy" } else { "sampled" };
         let returned = match statistics.return_ci95() {
             Some(ci) => format!("{:.1} +- {ci:.1} (mean, 95 % interval)", statistics.return_mean()),
@@ -95,6 +101,15 @@ impl Summary<'_> {
         match punctuality {
             None => lines.push(("tick", self.tick_words(statistics))),
             Some(punctuality) => lines.extend(clock_lines(statistics, punctuality)),
+        }
+        lines.extend(self.chaos.zip(injected).map(|(chaos, Injected { kills, stops })| {
+            let (kills, stops) = (counted(kills, "kill"), counted(stops, "stop"));
+            ("chaos", format!("{chaos}: {kills}, {stops}"))
+        }));
+        lines.extend(faults.map(fault_lines).into_iter().flatten());
+        if statistics.absent() > 0 {
+            let (_, due) = statistics.missed_of_due();
+            lines.push(("absent", format!("in {} of {due} agent ticks", statistics.absent())));
         }
         lines.extend(self.scheduling.as_ref().map(|grants| ("scheduling", grants.to_string())));
         lines.extend(audit.map(|audit| ("audit", audit.to_string())));
@@ -135,7 +150,7 @@ impl Summary<'_> {
 
     /// The same for programs, see `docs/formats.md`.
     pub(super) fn json(&self, outcome: &Outcome) -> Value {
-        let Outcome { statistics, audit, punctuality } = *outcome;
+        let Outcome { statistics, audit, punctuality, faults, injected } = *outcome;
         let Summary { task, settings, .. } = self;
         let p = self.links.p();
         let mut summary = json!({
@@ -170,13 +185,49 @@ impl Summary<'_> {
             "tick_p99_us": punctuality.is_none().then(|| tick_us(statistics, 0.99)),
             "elapsed_s": statistics.elapsed().as_secs_f64(),
             "audit": audit,
+            "absent": statistics.absent(),
+            "faults": faults.map(fault_json),
             "real_time": punctuality.map(|punctuality| clock_json(statistics, punctuality)),
         });
         if !task.physics().is_default() {
             summary["physics"] = json!(task.physics());
         }
+        if let Some((chaos, injected)) = self.chaos.zip(injected) {
+            summary["chaos"] = json!({"spec": chaos, "kills": injected.kills, "stops": injected.stops});
+        }
         summary
     }
+}
+
+/// What befell the agents, for people: nothing if nothing did.
+fn fault_lines(faults: &Faults) -> Vec<(&'static str, String)> {
+    /// Of a run in which much went wrong, the first losses are enough to know why.
+    const SHOWN: usize = 3;
+    if faults.is_empty() {
+        return Vec::new();
+    }
+    let Faults { deaths, hangs, restarts, rejoin, told } = faults;
+    let back = if *restarts > 0 {
+        let [p50, max] = [0.5, 1.0].map(|quantile| rejoin.quantile_us(quantile) / 1e3);
+        format!(", back after p50 {p50:.0} ms, max {max:.0} ms")
+    } else {
+        String::new()
+    };
+    let counts = [counted(*deaths, "death"), counted(*hangs, "hang"), counted(*restarts, "restart")];
+    let shown = told.iter().take(SHOWN).map(|loss| ("", loss.clone()));
+    [("faults", format!("{}{back}", counts.join(", ")))].into_iter().chain(shown).collect()
+}
+
+/// What befell the agents, for programs.
+fn fault_json(faults: &Faults) -> Value {
+    let Faults { deaths, hangs, restarts, rejoin, told } = faults;
+    json!({
+        "deaths": deaths,
+        "hangs": hangs,
+        "restarts": restarts,
+        "rejoin": rejoin.times_json(),
+        "told": told,
+    })
 }
 
 /// What the clock did, for programs.

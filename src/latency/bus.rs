@@ -49,7 +49,7 @@ impl BusEnd {
             length: layout.observation as u64,
             ..Header::default()
         };
-        Ok(BusEnd { port: AgentSharedPort::open(address, layout, agent)?, supervisor, header, wait })
+        Ok(BusEnd { port: AgentSharedPort::open(address, layout, agent, 0)?, supervisor, header, wait })
     }
 }
 

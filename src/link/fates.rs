@@ -44,6 +44,12 @@ impl Fates {
         }
     }
 
+    /// Neither of these two receives anything of the other.
+    pub(crate) fn cut(&mut self, one: usize, other: usize) {
+        self.lose(one, other);
+        self.lose(other, one);
+    }
+
     /// `receiver` receives it so many ticks later than it would have otherwise.
     pub fn postpone(&mut self, receiver: usize, sender: usize, ticks: u8) {
         if let Some(before) = self.delay(receiver, sender).filter(|_| receiver != sender) {

@@ -91,6 +91,26 @@ impl Arrivals {
         Ok(())
     }
 
+    /// Forgets what is under way to an agent that is not there, and what it has seen.
+    pub(super) fn forget_receiver(&mut self, receiver: usize) {
+        let agents = self.agents;
+        for ages in self.arriving.chunks_exact_mut(agents * agents).chain([&mut self.seen[..]]) {
+            ages[receiver * agents..][..agents].fill(NOT_ARRIVED);
+        }
+    }
+
+    /// Forgets what an agent was to send at the last step: it did not come to that.
+    pub(super) fn forget_sent(&mut self, sender: usize) {
+        let (agents, steps) = (self.agents, self.overtaken.len());
+        // What arrives k steps after the last one and is k steps old then was sent at it.
+        for ticks in 1..steps {
+            let then = &mut self.arriving[(self.step - 1 + ticks) % steps * agents * agents..][..agents * agents];
+            for age in then.iter_mut().skip(sender).step_by(agents).filter(|age| usize::from(**age) == ticks) {
+                *age = NOT_ARRIVED;
+            }
+        }
+    }
+
     /// Observations that turned out at this step to be older than what their receivers see.
     pub(super) fn outdated(&self) -> u64 {
         self.outdated

@@ -1,6 +1,6 @@
 //! A team without processes: the same agents, phase by phase, in this thread.
 
-use super::{Decisions, Team, Tick, check_weights};
+use super::{Decisions, Event, Order, Team, Tick, check_weights};
 use crate::agent::{Agent, AgentSettings, Member, Sensed};
 use crate::base::error::Result;
 use crate::bus::{AgentPort, Header, Kind, Layout, LocalHub, LocalPort, LocalSample, PROTOCOL, Sample};
@@ -12,6 +12,13 @@ pub struct InProcess<P: AgentPort = LocalPort> {
     spec: Spec,
     hub: LocalHub,
     members: Vec<Member<P>>,
+    /// Makes an agent anew, which has been started so often before.
+    make: Box<dyn Fn(usize, u32) -> Result<Member<P>>>,
+    /// The agents that are not there, bit by bit, and those of them that were killed.
+    absent: u64,
+    killed: u64,
+    /// How often each agent was killed.
+    incarnations: Vec<u32>,
     layout: Layout,
     longest_delay: u8,
     /// The number of weights of the policy.
@@ -32,19 +39,24 @@ impl<P: AgentPort> InProcess<P> {
     pub fn with_ports(
         settings: &AgentSettings,
         policy: &Policy,
-        wrap: impl Fn(LocalPort) -> P,
+        wrap: impl Fn(LocalPort) -> P + 'static,
     ) -> Result<InProcess<P>> {
         let (spec, layout) = (settings.spec.clone(), settings.layout());
         let hub = LocalHub::new(spec.n_agents());
-        let member = |index| {
-            let agent = Agent::with_policy(settings, policy, index)?;
-            Ok(Member::new(agent, wrap(hub.port(index)), layout, 0, 0))
+        let (own_settings, own_policy, own_hub) = (settings.clone(), policy.clone(), hub.clone());
+        let make = move |index, incarnation| {
+            let agent = Agent::with_policy(&own_settings, &own_policy, index)?;
+            Ok(Member::new(agent, wrap(own_hub.port(index)), layout, 0, incarnation))
         };
-        let members = (0..spec.n_agents()).map(member).collect::<Result<_>>()?;
+        let members = (0..spec.n_agents()).map(|index| make(index, 0)).collect::<Result<_>>()?;
         Ok(InProcess {
-            spec,
             hub,
             members,
+            make: Box::new(make),
+            absent: 0,
+            killed: 0,
+            incarnations: vec![0; spec.n_agents()],
+            spec,
             layout,
             longest_delay: settings.longest_delay,
             policy_weights: policy.n_values(),
@@ -54,10 +66,29 @@ impl<P: AgentPort> InProcess<P> {
 }
 
 impl<P: AgentPort> Team for InProcess<P> {
+    fn muster(&mut self, orders: &[Order]) -> Result<u64> {
+        for Order { agent, event } in orders {
+            let bit = 1 << agent;
+            match event {
+                Event::Kill => (self.absent, self.killed) = (self.absent | bit, self.killed | bit),
+                Event::Stop => self.absent |= bit,
+                Event::Return => {
+                    if self.killed & bit != 0 {
+                        self.incarnations[*agent] += 1;
+                        self.members[*agent] = (self.make)(*agent, self.incarnations[*agent])?;
+                    }
+                    (self.absent, self.killed) = (self.absent & !bit, self.killed & !bit);
+                }
+            }
+        }
+        Ok(self.absent)
+    }
+
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         let (layout, worlds) = (self.layout, tick.worlds);
         decisions.resize(self.members.len(), worlds, &layout);
-        for (agent, member) in self.members.iter_mut().enumerate() {
+        decisions.leave_out(tick.absent);
+        for (agent, member) in there(&mut self.members, tick.absent) {
             let header = Header {
                 protocol: PROTOCOL,
                 kind: Kind::Sensor as u32,
@@ -70,7 +101,7 @@ impl<P: AgentPort> Team for InProcess<P> {
             debug_assert_eq!(sensed, Sensed::Tick);
             member.publish()?;
         }
-        for member in &mut self.members {
+        for (_, member) in there(&mut self.members, tick.absent) {
             let complete = member.collect()?;
             debug_assert!(complete, "in-process, nobody is late");
             member.decide()?;
@@ -79,7 +110,7 @@ impl<P: AgentPort> Team for InProcess<P> {
             let agent = decision.header().sender as usize;
             decisions.take(&self.spec, tick, agent, &layout.decision(decision.words(), worlds))?;
         }
-        self.members.iter_mut().for_each(Member::predict);
+        there(&mut self.members, tick.absent).for_each(|(_, member)| member.predict());
         decisions.check_nobody_late(tick)
     }
 
@@ -100,4 +131,9 @@ impl<P: AgentPort> Team for InProcess<P> {
         self.hub.publish_weights(header, |words| words.copy_from_slice(bytemuck::cast_slice(weights)));
         Ok(())
     }
+}
+
+/// The members that are there.
+fn there<M>(members: &mut [M], absent: u64) -> impl Iterator<Item = (usize, &mut M)> {
+    members.iter_mut().enumerate().filter(move |(agent, _)| absent >> agent & 1 == 0)
 }

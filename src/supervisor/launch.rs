@@ -21,7 +21,8 @@ use crate::failed;
 #[derive(Debug)]
 pub(crate) struct Children {
     command: AgentCommand,
-    processes: Vec<ChildProcess>,
+    /// `None` where one was lost, until it is started anew.
+    processes: Vec<Option<ChildProcess>>,
     // Declared last: they are killed when it ends.
     watcher: Watcher,
 }
@@ -38,8 +39,33 @@ impl Children {
         name: &str,
         what: &str,
         settings: &impl Serialize,
-        [stdin, stdout]: [Stdio; 2],
+        stdio: [Stdio; 2],
     ) -> Result<()> {
+        let process = self.launch(name, what, settings, stdio)?;
+        self.processes.push(Some(process));
+        Ok(())
+    }
+
+    /// Starts one in the place of one that was lost.
+    pub(super) fn start_anew(
+        &mut self,
+        index: usize,
+        name: &str,
+        what: &str,
+        settings: &impl Serialize,
+        stdio: [Stdio; 2],
+    ) -> Result<()> {
+        self.processes[index] = Some(self.launch(name, what, settings, stdio)?);
+        Ok(())
+    }
+
+    fn launch(
+        &self,
+        name: &str,
+        what: &str,
+        settings: &impl Serialize,
+        [stdin, stdout]: [Stdio; 2],
+    ) -> Result<ChildProcess> {
         let json =
             serde_json::to_string(settings).expect("paths in settings are a swarm's own, which are text");
         let mut command = self.command.command(what, &json);
@@ -52,9 +78,13 @@ impl Children {
         let stderr = OwnStderr::new(stderr, pidfd.clone());
         let name = name.to_owned();
         let passed_on = name.clone();
-        let stderr = Some(std::thread::spawn(move || stderr.pass_on(&passed_on)));
-        self.processes.push(ChildProcess { name, child, pidfd, stderr });
-        Ok(())
+        let thread = std::thread::Builder::new().spawn(move || stderr.pass_on(&passed_on));
+        let mut process = ChildProcess { name, child, pidfd, stderr: None };
+        let thread = thread.map_err(|e| {
+            failed!("cannot start a thread to listen to {}: {e}; allow more with `ulimit -u`", process.name)
+        });
+        process.stderr = Some(thread?);
+        Ok(process)
     }
 
     /// How many have been started.
@@ -64,21 +94,51 @@ impl Children {
 
     /// Their process ids.
     pub(crate) fn ids(&self) -> impl Iterator<Item = u32> + '_ {
-        self.processes.iter().map(|process| process.child.id())
+        self.processes.iter().flatten().map(|process| process.child.id())
     }
 
     /// An error if one has ended, with what it said last. As long as none has, this is a look at memory.
     pub(crate) fn check_alive(&mut self) -> Result<()> {
-        if self.watcher.take_ended() {
-            self.processes.iter_mut().try_for_each(ChildProcess::check_alive)?;
+        match self.take_dead()?.into_iter().next() {
+            None => Ok(()),
+            Some((_, name, how)) => Err(Error::Lost { names: vec![name], how }),
         }
-        Ok(())
+    }
+
+    /// Those that have ended, which are reaped: which, what it is called, how it ended and what it said last. As long as none
+    /// has, this is a look at memory.
+    pub(super) fn take_dead(&mut self) -> Result<Vec<(usize, String, String)>> {
+        let mut dead = Vec::new();
+        if !self.watcher.take_ended() {
+            return Ok(dead);
+        }
+        for (index, slot) in self.processes.iter_mut().enumerate() {
+            let Some(process) = slot else { continue };
+            if let Some(how) = process.ended()? {
+                dead.push((index, process.name.clone(), how));
+                *slot = None;
+            }
+        }
+        Ok(dead)
+    }
+
+    /// Ends and reaps one, if it is not gone already.
+    pub(super) fn end(&mut self, index: usize) {
+        self.processes[index] = None;
+    }
+
+    /// Sends one a signal, if it is not gone.
+    pub(super) fn signal(&self, index: usize, signal: Signal) {
+        if let Some(process) = &self.processes[index] {
+            // It fails for one that has ended, which is noticed by its pidfd.
+            let _ = pidfd_send_signal(&process.pidfd, signal);
+        }
     }
 
     /// Lets processes that were told to leave do so within `longest`, and ends those that do not.
     pub(crate) fn reap(&mut self, longest: Duration) {
         let deadline = Instant::now() + longest;
-        self.processes.iter().for_each(|process| process.await_end(deadline));
+        self.processes.iter().flatten().for_each(|process| process.await_end(deadline));
         self.processes.clear();
     }
 }
@@ -94,12 +154,10 @@ struct ChildProcess {
 }
 
 impl ChildProcess {
-    fn check_alive(&mut self) -> Result<()> {
-        match self.child.try_wait() {
-            Ok(None) => Ok(()),
-            Ok(Some(status)) => Err(self.ended(status)),
-            Err(e) => Err(failed!("cannot watch {}: {e}", self.name)),
-        }
+    /// How it ended, and what it said last, if it has ended.
+    fn ended(&mut self) -> Result<Option<String>> {
+        let status = self.child.try_wait().map_err(|e| failed!("cannot watch {}: {e}", self.name))?;
+        Ok(status.map(|status| self.words_of_end(status)))
     }
 
     /// Waits for the process to end by itself, until `deadline`.
@@ -114,7 +172,7 @@ impl ChildProcess {
         }
     }
 
-    fn ended(&mut self, status: ExitStatus) -> Error {
+    fn words_of_end(&mut self, status: ExitStatus) -> String {
         let how = match (status.code(), status.signal()) {
             (Some(code), _) => format!("ended with exit code {code}"),
             (_, Some(signal)) => format!("was killed by signal {signal}"),
@@ -124,8 +182,7 @@ impl ChildProcess {
         let last_words = last_words
             .map(|line| format!("; it said: {}", line.trim_start_matches("error: ")))
             .unwrap_or_default();
-        let how = format!("(process {}) {how}{last_words}", self.child.id());
-        Error::Lost { names: vec![self.name.clone()], how }
+        format!("(process {}) {how}{last_words}", self.child.id())
     }
 }
 

@@ -52,7 +52,8 @@ impl Observer for Ledger<'_> {
         for world in stage.playing() {
             let episode = &mut self.playing[world];
             episode.due += spec.n_agents() as u64;
-            episode.missed += u64::from(decisions.missing.count_ones());
+            episode.missed += u64::from((decisions.missing & !decisions.absent).count_ones());
+            episode.absent += u64::from(decisions.absent.count_ones());
             episode.outdated += if tick.step > 0 { stage.outdated(world) } else { 0 };
             count_deliveries(&tick, decisions, world, episode);
             sum_imputation_errors(spec, &tick, decisions, world, episode);
@@ -82,9 +83,11 @@ fn count_deliveries(tick: &Tick, decisions: &Decisions, world: usize, episode: &
         return;
     }
     for agent in decisions.present(tick.agents) {
-        episode.sent += tick.agents as u64 - 1;
-        let ages = tick.arriving(agent, world).iter().zip(decisions.used(tick, agent, world));
-        for (_, (arriving, used)) in ages.enumerate().filter(|(sender, _)| *sender != agent) {
+        let there = |sender: &usize| *sender != agent && decisions.absent >> sender & 1 == 0;
+        let (arriving, used) = (tick.arriving(agent, world), decisions.used(tick, agent, world));
+        for sender in (0..tick.agents).filter(there) {
+            episode.sent += 1;
+            let (arriving, used) = (&arriving[sender], &used[sender]);
             // What was sent at t = 0 counts in none of these.
             if *arriving == NOT_ARRIVED || u32::from(*arriving) >= tick.step {
                 continue;

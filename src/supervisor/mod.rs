@@ -5,6 +5,8 @@
 
 mod arrivals;
 mod audit;
+mod chaos;
+mod chaos_spec;
 mod clock;
 mod command;
 mod deadlines;
@@ -16,6 +18,8 @@ mod observer;
 mod processes;
 mod punctuality;
 mod recorder;
+mod recovery;
+mod roster;
 mod session;
 pub mod signals;
 mod stage;
@@ -24,6 +28,9 @@ mod stderr;
 mod watcher;
 
 pub use audit::Audit;
+pub use chaos::{Event, Injected, Order};
+pub(crate) use chaos_spec::parse_duration;
+pub use chaos_spec::{ChaosSpec, Injection};
 pub use command::AgentCommand;
 pub use deadlines::Deadlines;
 pub use in_process::InProcess;
@@ -33,10 +40,12 @@ pub use observer::Observer;
 pub use processes::{Conduct, Processes};
 pub use punctuality::Punctuality;
 pub use recorder::Recorder;
+pub use roster::{Faults, Loss, OnFailure};
 pub use session::Session;
 pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
 
+use self::roster::members_of;
 use crate::base::error::Result;
 use crate::bus::{Decision, DecisionTimes, Header, Layout, NOT_ARRIVED, Sensor, now_ns};
 use crate::environment::Spec;
@@ -57,6 +66,8 @@ pub struct Tick<'a> {
     pub agents: usize,
     /// Worlds that are played.
     pub worlds: usize,
+    /// The agents that are not there, bit by bit.
+    pub absent: u64,
     /// What was carried out at the step before, zeros at the first of an episode, `[agents, worlds, action]`.
     pub carried_out: &'a [u32],
     /// Padded observations, `[agents, worlds, observation]`.
@@ -76,9 +87,11 @@ pub struct Decisions {
     pub estimates: Vec<f32>,
     /// `[agents, worlds, n_actions]`; empty unless the agents' settings ask for them.
     pub logits: Vec<f32>,
-    /// The agents that did not decide in time, bit by bit. Their actions are those of the tick before, or 0 if the
-    /// episode has just begun; what else there is of them is old.
+    /// The agents that did not decide in time, bit by bit. Against the clock their actions are those of the tick before,
+    /// or 0 if the episode has just begun; in lockstep they are 0. What else there is of them is old.
     pub missing: u64,
+    /// Those of them that were not there: absent from the beginning of the tick, or lost in it.
+    pub absent: u64,
     /// When each agent did what it does in a tick.
     pub times: Vec<AgentTimes>,
 }
@@ -97,6 +110,13 @@ pub struct AgentTimes {
 
 /// A team of agents.
 pub trait Team {
+    /// Gets ready for the next tick: carries out what is ordered, and takes back whom it can. Returns the agents that will
+    /// not be there, bit by bit.
+    ///
+    /// # Errors
+    /// `Lost` if an agent is lost for good and must not be.
+    fn muster(&mut self, orders: &[Order]) -> Result<u64>;
+
     /// Gives every agent its own observation and says what arrives at it, lets them exchange observations, and
     /// returns when all have decided: in lockstep, unless the team keeps to a clock.
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()>;
@@ -150,6 +170,7 @@ impl Tick<'_> {
             worlds: self.worlds as u32,
             length: words as u64,
             sent_ns: now_ns(),
+            absent: self.absent,
             ..Header::default()
         }
     }
@@ -173,6 +194,15 @@ impl Decisions {
         self.estimates.resize(rows * layout.joint, 0.0);
         self.logits.resize(rows * layout.logits, 0.0);
         self.times.resize(agents, AgentTimes::default());
+    }
+
+    /// In lockstep, agents that are not there do nothing: their actions are 0.
+    fn leave_out(&mut self, absent: u64) {
+        (self.missing, self.absent) = (absent, absent);
+        let each = self.actions.len() / self.times.len();
+        for agent in members_of(absent) {
+            self.actions[agent * each..][..each].fill(0);
+        }
     }
 
     /// What an agent did in a world.
@@ -208,14 +238,16 @@ impl Decisions {
         Ok(())
     }
 
-    /// An error if a decision of this tick does not rest on all that the links delivered.
+    /// An error if a decision of this tick does not rest on all that the links delivered of those who are there.
     ///
     /// In lockstep, a team in which somebody was late, however that came about, would give another result than the
     /// same team undisturbed.
     fn check_nobody_late(&self, tick: &Tick) -> Result<()> {
+        let place = |at: usize| (at % tick.agents, at / (tick.agents * tick.worlds));
+        let absent = |(sender, agent): (usize, usize)| (self.absent >> sender | self.absent >> agent) & 1 == 1;
         // Nothing gets in that did not arrive, so what differs is missing.
-        let late = tick.ages.iter().zip(&self.ages).position(|(arriving, used)| arriving != used);
-        match late.map(|at| (at % tick.agents, at / (tick.agents * tick.worlds))) {
+        let mut late = (0..self.ages.len()).filter(|at| tick.ages[*at] != self.ages[*at]).map(place);
+        match late.find(|place| !absent(*place)) {
             None => Ok(()),
             Some((late, agent)) => {
                 Err(failed!("agent-{late} was too late for agent-{agent}; ending the swarm"))

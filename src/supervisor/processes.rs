@@ -1,14 +1,17 @@
 //! A team of processes over shared memory.
 
 use std::process::Stdio;
-use std::time::{Duration, Instant};
+use std::time::Instant;
+
+use rustix::process::Signal;
 
 use super::clock::{Clock, Period};
 use super::command::AgentCommand;
 use super::deadlines::Deadlines;
 use super::launch::Children;
 use super::needs::{allow_open_files, check_shared_memory, share_weights};
-use super::{Decisions, Punctuality, Team, Tick, check_weights, signals};
+use super::roster::{Roster, members_of};
+use super::{Decisions, Faults, OnFailure, Order, Punctuality, Team, Tick, check_weights, signals};
 use crate::agent::process::ProcessSettings;
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::{Error, Result};
@@ -18,13 +21,14 @@ use crate::bus::{
     now_ns, wait_for_moment, wait_until, wake_on_time, wake_supervisor,
 };
 use crate::environment::Spec;
+use crate::failed;
 use crate::nn::Policy;
 
 /// A running swarm. Dropping it ends the agents and leaves nothing behind.
 #[derive(Debug)]
 pub struct Processes {
     spec: Spec,
-    agents: Children,
+    pub(super) agents: Children,
     port: SupervisorPort,
     /// Which swarm it is, and which weights are in force.
     identity: Header,
@@ -32,12 +36,18 @@ pub struct Processes {
     longest_delay: u8,
     /// The number of weights of the policy.
     policy_weights: usize,
-    wait: Wait,
-    deadlines: Deadlines,
+    pub(super) conduct: Conduct,
+    /// What agents run, the address and the weights of the swarm included.
+    settings: AgentSettings,
+    pub(super) address: SwarmAddress,
+    /// Who is there.
+    pub(super) roster: Roster,
+    /// The present tick, or the last one.
+    pub(super) tick: u64,
     /// That of a team in real time; `None` in lockstep.
-    clock: Option<Clock>,
+    pub(super) clock: Option<Clock>,
     /// Agents that have done what the current phase waits for, bit by bit.
-    answered: u64,
+    pub(super) answered: u64,
     /// What each agent was granted, by its own word.
     granted: Vec<Granted>,
     grants: Option<Grants>,
@@ -57,6 +67,9 @@ pub struct Conduct {
     pub scheduling: Scheduling,
     /// How long each may take for what.
     pub deadlines: Deadlines,
+    /// What to do when an agent dies or hangs. A policy [in training](PolicySource::Training) needs all its agents: there
+    /// it is always [`OnFailure::Abort`].
+    pub on_failure: OnFailure,
     /// The program to run for an agent; `None` for this very program, which must have called
     /// [`run_if_agent`](crate::run_if_agent).
     pub command: Option<AgentCommand>,
@@ -76,19 +89,22 @@ impl Processes {
         policy: &Policy,
         conduct: impl Into<Conduct>,
     ) -> Result<Processes> {
-        let Conduct { wait, rate, scheduling, deadlines, command } = conduct.into();
-        let command = command.map_or_else(AgentCommand::this_program, Ok)?;
+        let mut conduct = conduct.into();
+        let command = conduct.command.take().map_or_else(AgentCommand::this_program, Ok)?;
         let (spec, layout) = (settings.spec.clone(), settings.layout());
         let team = spec.n_agents();
         let directory = SwarmDirectory::create()?;
-        let weights = if settings.policy == PolicySource::Training { policy.n_values() } else { 0 };
+        let trains = settings.policy == PolicySource::Training;
+        if trains {
+            conduct.on_failure = OnFailure::Abort;
+        }
         let settings = share_weights(settings, policy, &directory)?;
         let address = SwarmAddress {
             tag: directory.tag().to_owned(),
             agents: team,
             worlds: settings.worlds,
-            weights,
-            real_time: rate.is_some(),
+            weights: if trains { policy.n_values() } else { 0 },
+            real_time: conduct.rate.is_some(),
             longest_delay: settings.longest_delay,
         };
         check_shared_memory(&address, &layout)?;
@@ -101,37 +117,47 @@ impl Processes {
             layout,
             longest_delay: settings.longest_delay,
             policy_weights: policy.n_values(),
-            wait,
-            deadlines,
-            clock: rate.map(|rate| Clock::new(rate, team)),
+            roster: Roster::new(team, conduct.on_failure),
+            tick: 0,
+            clock: conduct.rate.map(|rate| Clock::new(rate, team)),
+            conduct,
+            settings,
+            address,
             answered: 0,
             granted: vec![Granted::default(); team],
             grants: None,
             _directory: directory,
         };
         for agent in 0..team {
-            let process = ProcessSettings {
-                address: address.clone(),
-                agent,
-                incarnation: 0,
-                wait,
-                peers: deadlines.peers,
-                scheduling,
-                supervisor: std::process::id() as i32,
-                settings: settings.clone(),
-            };
-            let (name, nothing) = (format!("agent-{agent}"), || Stdio::null());
-            swarm.agents.start(&name, "agent", &process, [nothing(), nothing()])?;
+            let process = swarm.process_settings(agent);
+            swarm.agents.start(&name_of(agent), "agent", &process, [Stdio::null(), Stdio::null()])?;
         }
-        swarm.await_all("get ready", deadlines.ready, Processes::take_ready)?;
+        let deadline = Instant::now() + swarm.conduct.deadlines.ready;
+        swarm.await_all("get ready", deadline, |swarm| {
+            swarm.agents.check_alive()?;
+            swarm.take_ready()
+        })?;
         if swarm.clock.is_some() {
             wake_on_time();
         }
         // Counted before this process is pinned, which it is last, since the agents would inherit it.
-        let cores = allowed_cores().len();
+        let (cores, scheduling) = (allowed_cores().len(), swarm.conduct.scheduling);
         let granted = [&[scheduling.apply(0)], swarm.granted.as_slice()].concat();
         swarm.grants = Grants::count(&scheduling, cores, &granted);
         Ok(swarm)
+    }
+
+    pub(super) fn process_settings(&self, agent: usize) -> ProcessSettings {
+        ProcessSettings {
+            address: self.address.clone(),
+            agent,
+            incarnation: self.roster.incarnation(agent),
+            wait: self.conduct.wait,
+            peers: self.conduct.deadlines.peers,
+            scheduling: self.conduct.scheduling,
+            supervisor: std::process::id() as i32,
+            settings: self.settings.clone(),
+        }
     }
 
     /// The process ids of the agents.
@@ -149,13 +175,23 @@ impl Processes {
         self.grants.as_ref()
     }
 
+    /// What befell the agents.
+    pub fn faults(&self) -> &Faults {
+        &self.roster.faults
+    }
+
     /// Everybody waits for everybody.
     fn tick_in_lockstep(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
-        let answer = self.deadlines.answer;
+        let (began, answer) = (Instant::now(), self.conduct.deadlines.answer);
         self.send_sensors(tick, 0)?;
-        self.await_all("publish an observation", answer, |swarm| swarm.take_observations(tick, decisions))?;
+        self.await_present("publish an observation", tick, began + answer / 2, |swarm| {
+            swarm.take_observations(tick, decisions)
+        })?;
         self.wake_agents()?;
-        self.await_all("decide", answer, |swarm| swarm.take_decisions(tick, decisions, u64::MAX))?;
+        self.await_present("decide", tick, began + answer, |swarm| {
+            swarm.take_decisions(tick, decisions, u64::MAX)
+        })?;
+        decisions.leave_out(self.roster.absent());
         decisions.check_nobody_late(tick)
     }
 
@@ -171,13 +207,16 @@ impl Processes {
         // What is counted are decisions.
         self.answered = 0;
         self.take_decisions(tick, decisions, period.ends_ns)?;
-        decisions.missing = self.everybody() & !self.answered;
+        self.lose_dead()?;
+        self.lose_silent(&period)?;
+        decisions.absent = self.roster.absent() | tick.absent;
+        decisions.missing = decisions.absent | self.everybody() & !self.answered;
         let clock = self.clock.as_mut().expect("a swarm in real time has a clock");
         let punctuality = &mut clock.punctuality;
         for (agent, times) in decisions.times.iter().enumerate() {
             match decisions.missing >> agent & 1 {
                 0 => punctuality.acts.record(times.decided_ns.saturating_sub(period.deadline_ns)),
-                _ => punctuality.missed[agent] += 1,
+                _ => punctuality.missed[agent] += 1 & !(decisions.absent >> agent),
             }
         }
         Ok(())
@@ -186,17 +225,21 @@ impl Processes {
     /// Waits for a moment of the clock, and for nobody.
     fn wait_for_moment(&mut self, moment_ns: u64) -> Result<()> {
         while now_ns() < moment_ns {
-            wait_for_moment(self.wait, moment_ns);
+            wait_for_moment(self.conduct.wait, moment_ns);
             signals::check_stop()?;
-            self.agents.check_alive()?;
+            if self.roster.aborts() {
+                self.agents.check_alive()?;
+            }
         }
-        self.agents.check_alive()
+        Ok(())
     }
 
-    fn send_sensors(&mut self, tick: &Tick, deadline_ns: u64) -> Result<()> {
+    pub(super) fn send_sensors(&mut self, tick: &Tick, deadline_ns: u64) -> Result<()> {
         let words = self.layout.sensor_words(tick.worlds);
-        for agent in 0..self.agents.len() {
-            let header = self.header(Kind::Sensor, agent, Header { deadline_ns, ..tick.header(words) });
+        let absent = self.roster.absent();
+        for agent in members_of(self.roster.present()) {
+            let header = Header { deadline_ns, absent, ..tick.header(words) };
+            let header = self.header(Kind::Sensor, agent, header);
             self.port.send_sensor(agent, header, |words| tick.write(agent, &self.layout, words))?;
         }
         self.wake_agents()
@@ -208,53 +251,65 @@ impl Processes {
     }
 
     fn wake_agents(&self) -> Result<()> {
-        match self.wait {
+        match self.conduct.wait {
             Wait::Block => self.port.wake_agents(),
             Wait::Spin => Ok(()),
         }
     }
 
-    /// Waits until `take` has seen the answer of every agent.
-    fn await_all(
+    /// Waits until `take` has seen the answer of every agent that is there.
+    pub(super) fn await_all(
         &mut self,
         what: &str,
-        longest: Duration,
+        deadline: Instant,
         mut take: impl FnMut(&mut Processes) -> Result<()>,
     ) -> Result<()> {
         self.answered = 0;
-        let (wait, all, deadline) = (self.wait, self.everybody(), Instant::now() + longest);
-        let done = wait_until(
-            self,
-            wait,
-            deadline,
-            |swarm, longest| swarm.port.sleep(longest),
-            |swarm| {
-                take(swarm)?;
-                swarm.agents.check_alive()?;
-                signals::check_stop()?;
-                Ok(swarm.answered == all)
-            },
-        )?;
+        let began = Instant::now();
+        let done = self.wait(deadline, |swarm| {
+            take(swarm)?;
+            Ok(swarm.roster.present() & !swarm.answered == 0)
+        })?;
         if done {
             return Ok(());
         }
-        let missing = (0..self.agents.len()).filter(|agent| self.answered >> agent & 1 == 0);
-        let names = missing.map(|agent| format!("agent-{agent}")).collect();
-        Err(Error::Lost { names, how: format!("did not {what} within {longest:?}; ending the swarm") })
+        let names = members_of(self.roster.present() & !self.answered).map(name_of).collect();
+        let longest = deadline.saturating_duration_since(began);
+        Err(Error::Lost { names, how: format!("did not {what} within {longest:?}") })
+    }
+
+    /// Waits until `ready` holds or the deadline passes; true if it held.
+    pub(super) fn wait(
+        &mut self,
+        deadline: Instant,
+        mut ready: impl FnMut(&mut Processes) -> Result<bool>,
+    ) -> Result<bool> {
+        let wait = self.conduct.wait;
+        let sleep = |swarm: &Processes, longest| swarm.port.sleep(longest);
+        wait_until(self, wait, deadline, sleep, |swarm| {
+            signals::check_stop()?;
+            ready(swarm)
+        })
     }
 
     /// All agents, bit by bit.
-    fn everybody(&self) -> u64 {
+    pub(super) fn everybody(&self) -> u64 {
         u64::MAX >> (u64::BITS - self.agents.len() as u32)
     }
 
-    fn take_ready(&mut self) -> Result<()> {
+    pub(super) fn take_ready(&mut self) -> Result<()> {
         while let Some(sample) = self.port.receive_decision()? {
-            if let Some(agent) = self.mark(&sample, Kind::Ready, 0, 1) {
-                self.granted[agent] = Granted::from_bits(sample.words()[0]);
-            }
+            self.note_ready(&sample);
         }
         Ok(())
+    }
+
+    /// Notes that an agent is ready, if the message says so.
+    fn note_ready(&mut self, sample: &SharedSample) {
+        if let Some(agent) = self.mark(sample, Kind::Ready, 0, 1) {
+            self.granted[agent] = Granted::from_bits(sample.words()[0]);
+            self.roster.ready(agent, now_ns());
+        }
     }
 
     fn take_observations(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
@@ -262,6 +317,14 @@ impl Processes {
         while let Some(sample) = self.port.receive_observation()? {
             if let Some(agent) = self.mark(&sample, Kind::Observation, tick.tick, words) {
                 decisions.times[agent].published_ns = sample.header().sent_ns;
+                let own = &tick.observations[agent * words..][..words];
+                if sample.words() != bytemuck::cast_slice::<f32, u32>(own) {
+                    return Err(failed!(
+                        "agent-{agent} published something else than its sensor gave it, at tick {}; nothing that was \
+                         played from there on can be trusted",
+                        tick.tick
+                    ));
+                }
             }
         }
         Ok(())
@@ -274,10 +337,13 @@ impl Processes {
             if sample.header().sent_ns > ends_ns {
                 continue;
             }
-            if let Some(agent) = self.mark(&sample, Kind::Decision, tick.tick, words) {
-                let decision = self.layout.decision(sample.words(), tick.worlds);
-                decisions.times[agent].decided_ns = sample.header().sent_ns;
-                decisions.take(&self.spec, tick, agent, &decision)?;
+            match self.mark(&sample, Kind::Decision, tick.tick, words) {
+                Some(agent) => {
+                    let decision = self.layout.decision(sample.words(), tick.worlds);
+                    decisions.times[agent].decided_ns = sample.header().sent_ns;
+                    decisions.take(&self.spec, tick, agent, &decision)?;
+                }
+                None => self.note_ready(&sample),
             }
         }
         Ok(())
@@ -289,7 +355,8 @@ impl Processes {
         let expected = header.fits(kind, self.identity.swarm, words)
             && sample.words().len() == words
             && header.tick == tick
-            && agent < self.agents.len();
+            && agent < self.agents.len()
+            && header.incarnation == self.roster.incarnation(agent);
         expected.then(|| {
             self.answered |= 1 << agent;
             agent
@@ -298,8 +365,15 @@ impl Processes {
 }
 
 impl Team for Processes {
+    fn muster(&mut self, orders: &[Order]) -> Result<u64> {
+        self.carry_out(orders)?;
+        self.take_back()?;
+        Ok(self.roster.absent())
+    }
+
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         decisions.resize(self.agents.len(), tick.worlds, &self.layout);
+        self.tick = tick.tick;
         match self.clock.as_mut().map(Clock::begin_period) {
             None => self.tick_in_lockstep(tick, decisions),
             Some(period) => self.tick_in_real_time(tick, decisions, period),
@@ -330,12 +404,13 @@ impl Team for Processes {
 impl Drop for Processes {
     fn drop(&mut self) {
         for agent in 0..self.agents.len() {
+            self.agents.signal(agent, Signal::CONT);
             let header = self.header(Kind::Shutdown, agent, Header::default());
             // An agent that cannot be told is ended.
             let _ = self.port.send_sensor(agent, header, |_| {});
         }
         let _ = self.port.wake_agents();
-        self.agents.reap(self.deadlines.leave);
+        self.agents.reap(self.conduct.deadlines.leave);
     }
 }
 
@@ -343,4 +418,8 @@ impl Drop for Processes {
 fn waker(address: &SwarmAddress) -> impl FnMut() + Send + 'static {
     let address = address.clone();
     move || drop(wake_supervisor(&address))
+}
+
+pub(super) fn name_of(agent: usize) -> String {
+    format!("agent-{agent}")
 }

@@ -1,8 +1,9 @@
 //! Playing episodes: each phase of a tick, by name.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use super::{Decisions, Observer, Stage, Team, signals};
+use super::chaos::Chaos;
+use super::{ChaosSpec, Decisions, Injected, Observer, Stage, Team, signals};
 use crate::base::error::Result;
 use crate::environment::Environment;
 use crate::link::Links;
@@ -12,13 +13,37 @@ use crate::usage;
 #[derive(Debug)]
 pub struct Session {
     stage: Stage,
+    chaos: Option<Chaos>,
     decisions: Decisions,
 }
 
 impl Session {
     /// A session in all worlds of an environment.
     pub fn new(environment: Box<dyn Environment>, links: Links, seed: u64) -> Session {
-        Session { stage: Stage::new(environment, links, seed), decisions: Decisions::default() }
+        Session { stage: Stage::new(environment, links, seed), chaos: None, decisions: Decisions::default() }
+    }
+
+    /// Kills and stops agents on purpose, by draws that depend on seed, episode and step alone. `tick` says how many ticks
+    /// an absence is.
+    ///
+    /// # Errors
+    /// `Usage` if there is more than one world: an agent is one process for all of them, and what befalls it would no
+    /// longer depend on one episode.
+    pub fn with_chaos(mut self, chaos: ChaosSpec, tick: Duration) -> Result<Session> {
+        let (worlds, agents) = (self.stage.environment().worlds(), self.stage.spec().n_agents());
+        if worlds > 1 {
+            return Err(usage!(
+                "chaos needs one world, not {worlds}: an agent is one process for all of them, and a kill would hit \
+                 them all at once"
+            ));
+        }
+        self.chaos = Some(Chaos::new(chaos, self.stage.seed(), agents, tick));
+        Ok(self)
+    }
+
+    /// How often agents were killed and stopped on purpose so far; `None` without chaos.
+    pub fn injected(&self) -> Option<Injected> {
+        self.chaos.as_ref().map(Chaos::injected)
     }
 
     /// Begins with this episode instead of number 0.
@@ -63,7 +88,11 @@ impl Session {
         end: u64,
         observers: &mut [&mut dyn Observer],
     ) -> Result<()> {
-        let Session { stage, decisions } = self;
+        let Session { stage, chaos, decisions } = self;
+        let mut muster = |stage: &mut Stage, team: &mut _| {
+            let orders = chaos.as_mut().map_or(&[][..], |chaos| chaos.orders(stage.tick().episode, stage.tick().step));
+            stage.draw_links(Team::muster(team, orders)?)
+        };
         stage.begin_episodes(end)?;
         observers.iter_mut().try_for_each(|observer| observer.begin_episodes(stage))?;
         stage.sense()?;
@@ -72,17 +101,18 @@ impl Session {
             if observers.iter().any(|observer| observer.has_seen_enough()) {
                 return Ok(());
             }
-            stage.draw_links()?;
+            muster(stage, team)?;
             let exchange = Instant::now();
             team.tick(&stage.tick(), decisions)?;
             let exchange = exchange.elapsed();
+            stage.lose(decisions.absent & !stage.tick().absent);
             observers.iter_mut().try_for_each(|observer| observer.ticked(stage, decisions, exchange))?;
             stage.step_worlds(decisions)?;
             observers.iter_mut().try_for_each(|observer| observer.stepped(stage, decisions))?;
             stage.sense()?;
         }
         if observers.iter().any(|observer| observer.wants_last_tick()) {
-            stage.draw_links()?;
+            muster(stage, team)?;
             team.tick(&stage.tick(), decisions)?;
             observers.iter_mut().try_for_each(|observer| observer.last_ticked(stage, decisions))?;
         }

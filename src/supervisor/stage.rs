@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::arrivals::Arrivals;
+use super::roster::members_of;
 use super::{Decisions, Tick};
 use crate::base::error::Result;
 use crate::environment::{End, Environment, Outcome, Spec};
@@ -25,6 +26,8 @@ pub struct Stage {
     step: u32,
     /// Ticks so far. Agents start at tick 0, so the first one is 1.
     tick: u64,
+    /// The agents that are not there, bit by bit.
+    absent: u64,
     /// What was carried out at the step before, `[agents, active, action]`.
     carried_out: Vec<u32>,
     /// Padded observations, `[agents, active, observation]`.
@@ -56,6 +59,7 @@ impl Stage {
             next_episode: 0,
             step: 0,
             tick: 0,
+            absent: 0,
             carried_out: Vec::new(),
             observations: Vec::new(),
             ages: Vec::new(),
@@ -79,6 +83,11 @@ impl Stage {
     /// The environment, whose first [`worlds`](Stage::worlds) worlds play.
     pub fn environment(&self) -> &dyn Environment {
         &*self.environment
+    }
+
+    /// Seed of all draws.
+    pub(super) fn seed(&self) -> u64 {
+        self.seed
     }
 
     /// The one probability with which every link delivers in an episode, if there is one.
@@ -173,11 +182,13 @@ impl Stage {
         self.environment.observe(self.playing.len(), &mut self.observations)
     }
 
-    /// Draws what becomes of the observations sent at this step, and works out which arrive.
+    /// Draws what becomes of the observations sent at this step, and works out which arrive. Those who are `absent`, bit
+    /// by bit, send nothing and receive nothing.
     ///
     /// # Errors
     /// Whatever the links fail with; `Failed` if they postpone by more than their longest delay.
-    pub fn draw_links(&mut self) -> Result<()> {
+    pub fn draw_links(&mut self, absent: u64) -> Result<()> {
+        self.absent = absent;
         let (agents, worlds) = (self.spec.n_agents(), self.worlds());
         let bytes = self.spec.padded_obs_dim() * size_of::<f32>();
         for world in 0..worlds {
@@ -185,6 +196,10 @@ impl Stage {
             let address = Address { seed: self.seed, position: 0, episode, step };
             let positions = Some(self.environment.positions(world)).filter(|places| !places.is_empty());
             self.links.deliveries(&Context { address, world, bytes, positions }, &mut self.fates)?;
+            for absent in members_of(absent) {
+                (0..agents).for_each(|other| self.fates.cut(absent, other));
+                self.arrivals[world].forget_receiver(absent);
+            }
             let all = &mut self.ages;
             self.arrivals[world].send(&self.fates, |agent, ages| {
                 all[(agent * worlds + world) * agents..][..agents].copy_from_slice(ages);
@@ -192,6 +207,17 @@ impl Stage {
         }
         self.tick += 1;
         Ok(())
+    }
+
+    /// Takes note of agents that were lost while they decided, bit by bit: what they had not sent is not under way, and
+    /// what was under way to them is lost.
+    pub fn lose(&mut self, lost: u64) {
+        for agent in members_of(lost) {
+            for arrivals in &mut self.arrivals {
+                arrivals.forget_receiver(agent);
+                arrivals.forget_sent(agent);
+            }
+        }
     }
 
     /// What the team is given at this step.
@@ -202,6 +228,7 @@ impl Stage {
             tick: self.tick,
             agents: self.spec.n_agents(),
             worlds: self.worlds(),
+            absent: self.absent,
             carried_out: &self.carried_out,
             observations: &self.observations,
             ages: &self.ages,

@@ -16,15 +16,17 @@ pub struct EpisodeStatistics {
     pub delayed: u64,
     /// Observations that arrived after a newer one from the same sender, at t >= 1, and so were not passed on.
     pub outdated: u64,
-    /// Observations sent, over i != j and t >= 1, to agents that decided in time: all of them in lockstep.
+    /// Observations sent, over i != j and t >= 1, by agents that were there to agents that decided in time.
     pub sent: u64,
     /// Observations that the links delivered but the agents did not have when they decided, over i != j and t >= 1.
     /// There are none in lockstep.
     pub late: u64,
     /// Decisions that were due.
     pub due: u64,
-    /// Decisions that were not made in time. There are none in lockstep.
+    /// Decisions that were not made in time, by agents that were there. There are none in lockstep.
     pub missed: u64,
+    /// Decisions that were not made because the agent was not there: it had died, hung or was stopped.
+    pub absent: u64,
     /// Sum of the squared errors of all imputed values.
     pub squared_error: f64,
     /// Imputed values.
@@ -52,6 +54,7 @@ impl Statistics {
         total.late += episode.late;
         total.due += episode.due;
         total.missed += episode.missed;
+        total.absent += episode.absent;
         total.squared_error += episode.squared_error;
         total.imputed += episode.imputed;
         self.episodes.push(episode);
@@ -118,6 +121,11 @@ impl Statistics {
     /// Decisions that were not made in time, and all that were due.
     pub fn missed_of_due(&self) -> (u64, u64) {
         (self.total.missed, self.total.due)
+    }
+
+    /// Decisions that were not made because the agent was not there.
+    pub fn absent(&self) -> u64 {
+        self.total.absent
     }
 
     /// Share of decisions that were not made in time; NaN before the first.

@@ -1,0 +1,137 @@
+//! What a swarm does when agents die or hang: they are lost, their peers are told, and they are started anew.
+
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+
+use super::clock::Period;
+use super::processes::name_of;
+use super::roster::{Presence, members_of};
+use super::{Event, Loss, Order, Processes, Tick};
+use crate::base::error::{Error, Result};
+
+impl Processes {
+    /// Loses the agents whose processes have ended. Returns whether there are any.
+    pub(super) fn lose_dead(&mut self) -> Result<bool> {
+        let dead = self.agents.take_dead()?;
+        let any = !dead.is_empty();
+        for (agent, _, how) in dead {
+            self.lose(agent, Loss::Died(how))?;
+        }
+        Ok(any)
+    }
+
+    /// Loses the agents that have not decided for longer than the deadline, against the clock.
+    pub(super) fn lose_silent(&mut self, period: &Period) -> Result<()> {
+        // A period that has just been missed is no sign of anything.
+        let longest = self.conduct.deadlines.answer + 2 * Duration::from_nanos(period.ends_ns - period.begins_ns);
+        for agent in members_of(self.roster.silent(self.answered, period.ends_ns, longest)) {
+            self.lose(agent, Loss::Hung(format!("did not decide for {longest:?}")))?;
+        }
+        Ok(())
+    }
+
+    /// Loses an agent: ends its process, if there is one still, and notes what happened.
+    fn lose(&mut self, agent: usize, loss: Loss) -> Result<()> {
+        self.agents.end(agent);
+        let given_up = self.roster.lose(agent, self.tick, &loss);
+        if self.roster.aborts() || given_up {
+            return Err(Error::Lost { names: vec![name_of(agent)], how: loss.to_string() });
+        }
+        Ok(())
+    }
+
+    /// Starts an agent anew. In lockstep it is ready afterwards, or due again.
+    fn start_anew(&mut self, agent: usize) -> Result<()> {
+        self.roster.start(agent);
+        let settings = self.process_settings(agent);
+        let nothing = [Stdio::null(), Stdio::null()];
+        self.agents.start_anew(agent, &name_of(agent), "agent", &settings, nothing)
+    }
+
+    /// Waits until all agents that are being started are ready, but for those that are lost again.
+    fn await_started(&mut self) -> Result<()> {
+        let longest = self.conduct.deadlines.ready;
+        let done = self.wait(Instant::now() + longest, |swarm| {
+            swarm.take_ready()?;
+            swarm.lose_dead()?;
+            Ok(swarm.roster.starting().next().is_none())
+        })?;
+        if !done {
+            for agent in self.roster.starting() {
+                self.lose(agent, Loss::Hung(format!("did not get ready within {longest:?}")))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until `take` has seen the answer of every agent that is there, as [`Processes::await_all`] does. Who dies or does
+    /// not answer is lost, and the others are told.
+    pub(super) fn await_present(
+        &mut self,
+        what: &str,
+        tick: &Tick,
+        deadline: Instant,
+        mut take: impl FnMut(&mut Processes) -> Result<()>,
+    ) -> Result<()> {
+        let awaited = self.await_all(what, deadline, |swarm| {
+            take(swarm)?;
+            if swarm.lose_dead()? {
+                swarm.send_sensors(tick, 0)?;
+            }
+            Ok(())
+        });
+        match awaited {
+            Err(Error::Lost { how, .. }) if !self.roster.aborts() => {
+                for agent in members_of(self.roster.present() & !self.answered) {
+                    self.lose(agent, Loss::Hung(how.clone()))?;
+                }
+                self.send_sensors(tick, 0)
+            }
+            awaited => awaited,
+        }
+    }
+
+    /// Kills and stops agents on purpose, and has them return.
+    pub(super) fn carry_out(&mut self, orders: &[Order]) -> Result<()> {
+        for Order { agent, event } in orders.iter().copied() {
+            let presence = match (event, self.roster.presence(agent)) {
+                (_, Presence::Lost) => Presence::Lost,
+                (Event::Kill, _) => {
+                    self.agents.end(agent);
+                    // Against the clock an absence takes as long as it takes.
+                    self.clock.as_ref().map_or(Presence::Away, |_| Presence::Due(Instant::now()))
+                }
+                (Event::Stop, Presence::There) => {
+                    self.agents.signal(agent, Signal::STOP);
+                    Presence::Stopped
+                }
+                (Event::Return, Presence::Stopped) => {
+                    self.agents.signal(agent, Signal::CONT);
+                    Presence::There
+                }
+                (Event::Return, Presence::Away) => Presence::Due(Instant::now()),
+                // It was lost otherwise.
+                (_, presence) => presence,
+            };
+            self.roster.set(agent, presence);
+            // It may be stopped or killed again at once.
+            self.take_back()?;
+        }
+        Ok(())
+    }
+
+    /// Starts those anew that are due. In lockstep they are there when this returns; against the clock, as soon as they are
+    /// ready.
+    pub(super) fn take_back(&mut self) -> Result<()> {
+        self.lose_dead()?;
+        while let Some(agent) = self.roster.due().next() {
+            self.start_anew(agent)?;
+            if self.clock.is_none() {
+                self.await_started()?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,215 @@
+//! Agents that die, hang or are killed on purpose: the others play on, and what happened is said.
+
+mod common;
+
+use std::time::{Duration, Instant};
+
+use common::{Swarm, assert_gone, fail, succeed, swarm_of};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use vamaro_swarm::agent::{AgentSettings, Registry};
+use vamaro_swarm::base::error::Result;
+use vamaro_swarm::environment::Task;
+use vamaro_swarm::link::{LinkSpec, Links};
+use vamaro_swarm::supervisor::{
+    Conduct, Deadlines, Decisions, InProcess, Ledger, Observer, OnFailure, Processes, Session, Stage, Statistics, Team,
+};
+
+/// Not a test: what the agents of the others run. None of those may have its name as a part of theirs.
+#[test]
+fn agent() {
+    vamaro_swarm::run_if_agent(&Registry::default());
+}
+
+fn json(words: &str) -> Value {
+    serde_json::from_str(&succeed(words)).unwrap()
+}
+
+/// Chaos in which much happens.
+const CHAOS: &str = "kill=0.02:300ms,stop=0.03:200ms";
+
+#[test]
+fn chaos_is_the_same_across_processes_and_within_one() {
+    for words in [
+        "--task spread-xy-2 --p 0.4 --imputer value-aware --seed 3",
+        "--task spread-xy-4 --links gilbert(0.3,0.4)+delay(2,1) --imputer teammates",
+        "--task hear-see --p 0.5 --imputer hold --no-comm-at-t0",
+    ] {
+        let words = format!("spawn {words} --episodes 8 --audit --json --chaos {CHAOS}");
+        let (across, within) = (json(&words), json(&format!("{words} --in-process")));
+        for what in ["return_mean", "delivery_rate", "imputation_rmse", "absent", "chaos", "audit", "delayed_rate"] {
+            assert_eq!(across[what], within[what], "{what} of {words}");
+        }
+        assert!(across["absent"].as_u64().unwrap() > 0, "{across}");
+        let faults = &across["faults"];
+        assert_eq!((&faults["deaths"], &faults["hangs"]), (&0.into(), &0.into()), "{words}");
+        assert!(faults["restarts"].as_u64() <= across["chaos"]["kills"].as_u64());
+        let calm = json(&format!("{} --in-process", words.split(" --chaos").next().unwrap()));
+        assert_ne!(calm["return_mean"], within["return_mean"], "chaos changes something");
+    }
+}
+
+#[test]
+fn chaos_needs_one_world_and_sense() {
+    fail("spawn --chaos kill=0.1 --worlds 2 --episodes 4 --in-process", 2, &["one world"]);
+    fail("spawn --chaos kil=0.1", 2, &["`kill`"]);
+    fail("spawn --chaos kill=0.1 --record x.json", 2, &["--record"]);
+    fail("spawn --on-failure restart --record x.json", 2, &["--on-failure abort"]);
+}
+
+/// Hits an agent at a tick of the first episode.
+struct Hit {
+    step: u32,
+    agent: Pid,
+    signal: Signal,
+}
+
+impl Observer for Hit {
+    fn stepped(&mut self, stage: &Stage, _: &Decisions) -> Result<()> {
+        if (stage.tick().episode, stage.tick().step) == (0, self.step) {
+            kill_process(self.agent, self.signal).unwrap();
+        }
+        Ok(())
+    }
+}
+
+const LONG: Duration = Duration::from_secs(30);
+
+fn start(on_failure: OnFailure, answer: Duration, delays: bool) -> (Processes, Session) {
+    let task = Task::parse("spread-xy-4").unwrap();
+    let text = if delays { "gilbert(0.1, 0.5) + delay(2, 1)" } else { "level(0.5)" };
+    let links = LinkSpec::parse(text, 4).unwrap().build();
+    let settings = AgentSettings { longest_delay: links.longest_delay(), ..AgentSettings::of(task.spec()) };
+    let policy = settings.policy.load(task.spec()).unwrap();
+    let deadlines = Deadlines { answer, peers: LONG, ..Deadlines::default() };
+    let conduct = Conduct { on_failure, deadlines, command: common::this_binary(), ..Conduct::default() };
+    (Processes::start(&settings, &policy, conduct).unwrap(), Session::new(task.environment(1), links, 0))
+}
+
+/// Plays three episodes, in the first of which agent 2 is hit.
+fn play(swarm: &mut Processes, session: &mut Session, signal: Signal) -> Statistics {
+    let (mut hit, mut ledger) = (Hit { step: 7, agent: swarm_of(swarm).0[2], signal }, Ledger::default());
+    session.play(swarm, 3, &mut [&mut ledger, &mut hit]).unwrap();
+    ledger.into_statistics()
+}
+
+#[test]
+fn an_agent_that_dies_is_replaced_and_the_others_play_on() {
+    for delays in [false, true] {
+        for signal in [Signal::KILL, Signal::SEGV] {
+            let (mut swarm, mut session) = start(OnFailure::Restart, LONG, delays);
+            let (before, tag) = swarm_of(&swarm);
+            let statistics = play(&mut swarm, &mut session, signal);
+            assert_eq!(statistics.episodes().len(), 3);
+            let faults = swarm.faults();
+            assert_eq!((faults.deaths, faults.hangs, faults.restarts), (1, 0, 1), "{faults:?}");
+            assert!(faults.told[0].starts_with("agent-2 (process"), "{:?}", faults.told);
+            // It may have been noticed before the next tick began.
+            assert!(statistics.absent() <= 1);
+            let after = swarm_of(&swarm).0;
+            assert!(after.len() == 4 && after[2] != before[2] && after[3] == before[3]);
+            drop(swarm);
+            assert_gone(&[before, after].concat(), &tag);
+        }
+    }
+}
+
+#[test]
+fn without_it_the_others_play_on_to_the_end() {
+    let (mut swarm, mut session) = start(OnFailure::Continue, LONG, true);
+    let (agents, tag) = swarm_of(&swarm);
+    let statistics = play(&mut swarm, &mut session, Signal::KILL);
+    assert_eq!(statistics.absent(), 18 + 2 * 25, "it missed all ticks from the eighth on");
+    assert_eq!((swarm.faults().deaths, swarm.faults().restarts), (1, 0));
+    assert_eq!(statistics.episodes()[1].sent, 24 * 3 * 2, "nobody sends to it or hears of it");
+    assert_eq!(swarm_of(&swarm).0.len(), 3);
+    drop(swarm);
+    assert_gone(&agents, &tag);
+}
+
+#[test]
+fn an_agent_that_hangs_is_killed_at_the_deadline_and_replaced() {
+    let (mut swarm, mut session) = start(OnFailure::Restart, Duration::from_millis(600), false);
+    let statistics = play(&mut swarm, &mut session, Signal::STOP);
+    let faults = swarm.faults();
+    assert_eq!((faults.deaths, faults.hangs, faults.restarts), (0, 1, 1), "{faults:?}");
+    assert!(faults.told[0].contains("agent-2 did not publish"), "{:?}", faults.told);
+    assert_eq!(statistics.absent(), 1, "the tick in which it hung");
+}
+
+#[test]
+fn against_the_clock_the_dead_and_the_hung_come_back_while_the_others_play() {
+    let mut swarm = Swarm::start("--agents 4 --p 0.5 --rate 50 --episodes 8 --deadline 200ms --json");
+    kill_process(swarm.agents[1], Signal::KILL).unwrap();
+    kill_process(swarm.agents[3], Signal::STOP).unwrap();
+    let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
+    let (code, stdout, stderr) = swarm.wait();
+    assert_eq!(code, Some(0), "{stderr}");
+    let summary: Value = serde_json::from_str(&stdout).unwrap();
+    let faults = &summary["faults"];
+    assert_eq!((&faults["deaths"], &faults["hangs"]), (&1.into(), &1.into()), "{summary}");
+    assert_eq!(faults["restarts"], 2, "{summary}");
+    assert!(summary["absent"].as_u64().unwrap() > 0);
+    assert_eq!(summary["episodes"], 8);
+    assert_gone(&agents, &tag);
+}
+
+#[test]
+fn agents_end_within_a_second_of_their_supervisor() {
+    let swarm = Swarm::start("--agents 4 --p 0.2");
+    let agents = swarm.agents.clone();
+    swarm.signal_supervisor(Signal::KILL);
+    let died = Instant::now();
+    while agents.iter().any(|agent| common::is_running(*agent)) {
+        assert!(died.elapsed() < LONG, "they stay");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    swarm.wait();
+    succeed("spawn --episodes 1");
+}
+
+#[test]
+fn what_was_finished_is_summarised_whatever_ends_the_run() {
+    let swarm = Swarm::start("--agents 2 --p 0.5 --on-failure abort");
+    common::await_sleeps(swarm.supervisor(), 500);
+    kill_process(swarm.agents[0], Signal::KILL).unwrap();
+    let (code, stdout, stderr) = swarm.wait();
+    assert_eq!(code, Some(1));
+    assert!(stdout.contains("return ") && stdout.contains("1 death"), "{stdout}");
+    assert!(stderr.contains("agent-0") && stderr.contains("episodes were finished"), "{stderr}");
+}
+
+#[test]
+fn a_run_that_does_not_keep_to_a_requirement_ends_with_3() {
+    succeed("spawn --episodes 2 --require missed<=0 --require deaths<=0 --require return>=-1000");
+    fail("spawn --episodes 2 --require return>=1000", 3, &["return>=1000: not met"]);
+    fail("spawn --episodes 2 --in-process --require rate>=1", 3, &["no `rate`"]);
+    fail("spawn --require misses<=0", 2, &["`missed`"]);
+}
+
+/// A team that is told of somebody's absence, step by step.
+#[test]
+fn those_who_are_there_decide_as_if_links_to_the_absent_were_down() {
+    let task = Task::parse("spread-xy-2").unwrap();
+    let settings = AgentSettings::of(task.spec());
+    let policy = settings.policy.load(task.spec()).unwrap();
+    let played = |p: f64, absent: u64| {
+        let mut team = InProcess::new(&settings, &policy).unwrap();
+        let mut stage = Stage::new(task.environment(1), Links::level(p).sharing_at_start(false), 0);
+        let (mut decisions, mut estimates) = (Decisions::default(), Vec::new());
+        stage.begin_episodes(1).unwrap();
+        for _ in 0..10 {
+            stage.sense().unwrap();
+            stage.draw_links(absent).unwrap();
+            team.tick(&stage.tick(), &mut decisions).unwrap();
+            assert_eq!((decisions.missing, decisions.absent), (absent, absent));
+            estimates.push(decisions.estimates[..task.spec().joint_dim()].to_vec());
+            // The same way for both, whatever they decide.
+            decisions.actions.fill(0);
+            stage.step_worlds(&decisions).unwrap();
+        }
+        estimates
+    };
+    assert_eq!(played(1.0, 0b10), played(0.0, 0));
+    assert_ne!(played(1.0, 0), played(0.0, 0));
+}
