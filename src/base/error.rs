@@ -81,6 +81,15 @@ impl Error {
         Error::File { what: what.to_owned(), path: path.to_owned(), source: source.into() }
     }
 
+    /// Whether processes of a swarm were lost.
+    pub fn is_loss(&self) -> bool {
+        match self {
+            Error::Lost { .. } => true,
+            Error::Remarked { source, .. } => source.is_loss(),
+            _ => false,
+        }
+    }
+
     /// Adds to what went wrong, or was interrupted, where that leaves things.
     pub fn and(self, remark: String) -> Error {
         match self {

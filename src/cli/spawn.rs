@@ -120,8 +120,8 @@ pub struct Spawn {
     #[arg(long, value_enum, value_name = "WHAT", conflicts_with = "in_process", help_heading = FAULTS)]
     on_failure: Option<OnFailure>,
 
-    /// How long an agent may take for a tick before it counts as hung and is killed, half of it to publish its
-    /// observation; with --rate how long it may miss ticks
+    /// How long an agent may take for a tick before it counts as hung and is killed, four fifths of it to
+    /// publish its observation; with --rate how long it may miss ticks
     #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration,
         conflicts_with = "in_process", help_heading = FAULTS)]
     deadline: Duration,

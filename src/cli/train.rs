@@ -11,13 +11,13 @@ use serde_json::json;
 
 use super::campaign::{Campaign, Seeds, out_of_seed};
 use super::reporter::Reporter;
-use super::{PHYSICS_HELP, keep_candle_to_its_thread, print, print_json, table};
+use super::{PHYSICS_HELP, keep_candle_to_its_thread, print, print_json, table, tell};
 use crate::agent::process::leave_with;
 use crate::base::error::Result;
 use crate::base::threads::cores;
 use crate::bus::Wait;
 use crate::environment::PhysicsSpec;
-use crate::supervisor::{InProcess, Processes, signals};
+use crate::supervisor::{InProcess, OnFailure, Processes, signals};
 use crate::train::{
     Algorithm, Backend, Checkpoint, Config, Layer, Pace, Preset, Run, RunFolder, Trial, estimate,
 };
@@ -100,6 +100,11 @@ pub struct Train {
     #[arg(long, value_enum, default_value_t, conflicts_with = "in_process")]
     wait: Wait,
 
+    /// What to do when an agent dies or hangs: abort, or restart the team and repeat the episodes it was playing; the result
+    /// is bit-identical to an undisturbed run
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t, conflicts_with = "in_process")]
+    on_failure: OnFailure,
+
     /// The longest time between checkpoints, seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = seconds,
         allow_negative_numbers = true)]
@@ -146,6 +151,11 @@ impl Train {
         if let Some(process) = self.campaign {
             leave_with(process, Signal::TERM)?;
         }
+        if self.on_failure == OnFailure::Continue {
+            return Err(usage!(
+                "--on-failure continue is for teams that no longer learn; training takes abort or restart"
+            ));
+        }
         let config = self.resolve()?;
         if config.backend == Backend::Candle {
             keep_candle_to_its_thread()?;
@@ -157,23 +167,43 @@ impl Train {
             }
             return self.print_plan(&config, &out);
         }
-        let folder = RunFolder::open(&out)?;
         let mut run = if self.resume {
-            Run::resume(folder, config, self.pace())?
+            Run::resume(RunFolder::open(&out)?, config.clone(), self.pace())?
         } else {
-            Run::create(folder, config, self.pace())?
+            Run::create(RunFolder::open(&out)?, config.clone(), self.pace())?
         };
         let (began, from) = (Instant::now(), run.timestep());
-        let mut reporter = Reporter::new(&run);
+        // Of the run so far, when an agent was lost last.
+        let mut lost_at = None;
+        loop {
+            let mut reporter = Reporter::new(&run);
+            let trained = self.train(&mut run, &mut reporter);
+            reporter.finish();
+            let again = self.on_failure == OnFailure::Restart && lost_at != Some(run.timestep());
+            match trained {
+                Err(error) if again && error.is_loss() => {
+                    tell(&format!("note: {error}; starting the team anew"));
+                    lost_at = Some(run.timestep());
+                    // The folder is locked as long as the run is there.
+                    drop(run);
+                    run = Run::resume(RunFolder::open(&out)?, config.clone(), self.pace())?;
+                }
+                trained => {
+                    trained?;
+                    return self.summarise(&run, from, began.elapsed());
+                }
+            }
+        }
+    }
+
+    /// Trains until the end of the run, or until an agent is lost.
+    fn train(&self, run: &mut Run, reporter: &mut Reporter) -> Result<()> {
         let (agents, policy) = (run.trainer().agents(), run.trainer().policy()?);
-        let trained = if self.in_process {
+        if self.in_process {
             run.train(&mut InProcess::new(&agents, &policy)?, |run| reporter.note(run))
         } else {
             run.train(&mut Processes::start(&agents, &policy, self.wait)?, |run| reporter.note(run))
-        };
-        reporter.finish();
-        trained?;
-        self.summarise(&run, from, began.elapsed())
+        }
     }
 
     /// Every setting, from the preset, the file and the command line.
@@ -252,6 +282,7 @@ impl Train {
             ("--backend", name(self.backend.as_ref()).map(OsString::from)),
             ("--threads", Some(threads.to_string().into())),
             ("--wait", name(Some(&self.wait)).filter(|_| !self.in_process).map(OsString::from)),
+            ("--on-failure", name(Some(&self.on_failure)).filter(|_| !self.in_process).map(OsString::from)),
             ("--campaign", Some(std::process::id().to_string().into())),
             ("--checkpoint-every", Some(self.checkpoint_every.to_string().into())),
         ] {

@@ -1,7 +1,7 @@
 //! A team of processes over shared memory.
 
 use std::process::Stdio;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
@@ -132,8 +132,8 @@ impl Processes {
             let process = swarm.process_settings(agent);
             swarm.agents.start(&name_of(agent), "agent", &process, [Stdio::null(), Stdio::null()])?;
         }
-        let deadline = Instant::now() + swarm.conduct.deadlines.ready;
-        swarm.await_all("get ready", deadline, |swarm| {
+        let ready = swarm.conduct.deadlines.ready;
+        swarm.await_all("get ready", Instant::now(), ready, |swarm| {
             swarm.agents.check_alive()?;
             swarm.take_ready()
         })?;
@@ -184,11 +184,13 @@ impl Processes {
     fn tick_in_lockstep(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         let (began, answer) = (Instant::now(), self.conduct.deadlines.answer);
         self.send_sensors(tick, 0)?;
-        self.await_present("publish an observation", tick, began + answer / 2, |swarm| {
+        // Who is lost by then leaves the others time to decide without it.
+        let publish = answer * 4 / 5;
+        self.await_present("publish an observation", tick, (began, publish), |swarm| {
             swarm.take_observations(tick, decisions)
         })?;
         self.wake_agents()?;
-        self.await_present("decide", tick, began + answer, |swarm| {
+        self.await_present("decide", tick, (began, answer), |swarm| {
             swarm.take_decisions(tick, decisions, u64::MAX)
         })?;
         decisions.leave_out(self.roster.absent());
@@ -257,16 +259,16 @@ impl Processes {
         }
     }
 
-    /// Waits until `take` has seen the answer of every agent that is there.
+    /// Waits until `take` has seen the answer of every agent that is there, at the longest for so long from this moment on.
     pub(super) fn await_all(
         &mut self,
         what: &str,
-        deadline: Instant,
+        began: Instant,
+        longest: Duration,
         mut take: impl FnMut(&mut Processes) -> Result<()>,
     ) -> Result<()> {
         self.answered = 0;
-        let began = Instant::now();
-        let done = self.wait(deadline, |swarm| {
+        let done = self.wait(began + longest, |swarm| {
             take(swarm)?;
             Ok(swarm.roster.present() & !swarm.answered == 0)
         })?;
@@ -274,7 +276,6 @@ impl Processes {
             return Ok(());
         }
         let names = members_of(self.roster.present() & !self.answered).map(name_of).collect();
-        let longest = deadline.saturating_duration_since(began);
         Err(Error::Lost { names, how: format!("did not {what} within {longest:?}") })
     }
 

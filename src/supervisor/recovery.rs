@@ -72,10 +72,10 @@ impl Processes {
         &mut self,
         what: &str,
         tick: &Tick,
-        deadline: Instant,
+        (began, longest): (Instant, Duration),
         mut take: impl FnMut(&mut Processes) -> Result<()>,
     ) -> Result<()> {
-        let awaited = self.await_all(what, deadline, |swarm| {
+        let awaited = self.await_all(what, began, longest, |swarm| {
             take(swarm)?;
             if swarm.lose_dead()? {
                 swarm.send_sensors(tick, 0)?;
