@@ -1,4 +1,4 @@
-//! Updates against their definitions. That they are the paper's, `tests/verify.rs` shows on recorded ones.
+//! Updates against their definitions. That they are the paper's, `tests/suite/verify.rs` shows on recorded ones.
 
 mod checkpoint;
 mod ends;
