@@ -246,9 +246,10 @@ pub fn children(process: u32) -> Vec<Pid> {
     pids.split_whitespace().filter_map(|pid| Pid::from_raw(pid.parse().ok()?)).collect()
 }
 
-/// The settings an agent was started with: its last word.
+/// The settings an agent was started with: its last word, unless it is still the process that starts it.
 pub fn settings_of(agent: Pid) -> Option<serde_json::Value> {
     let line = std::fs::read(format!("/proc/{}/cmdline", agent.as_raw_nonzero())).ok()?;
     // Each word ends with a zero, so nothing is behind the last one.
-    serde_json::from_slice(line.split(|byte| *byte == 0).rev().nth(1)?).ok()
+    let settings = serde_json::from_slice(line.split(|byte| *byte == 0).rev().nth(1)?).ok();
+    settings.filter(serde_json::Value::is_object)
 }
