@@ -9,6 +9,8 @@ mod common;
 mod bad_input;
 mod bench;
 mod delays;
+mod dependencies;
+mod documents;
 mod dynamics;
 mod early_ends;
 mod evaluate;
