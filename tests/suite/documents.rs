@@ -1,4 +1,4 @@
-//! The commands that README and docs give: all are understood, and those of the README run.
+//! The commands that README and docs give: all are understood, and those that one begins with run.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -23,10 +23,15 @@ fn commands(document: &Path) -> Vec<String> {
     ours.map(alone).collect()
 }
 
-/// Has a shell run a command in a folder; what it wrote to stdout.
+/// Has a shell run a command in a folder, which is home to it; what it wrote to stdout.
 fn run(line: &str, folder: &Path) -> String {
     let line = line.replacen("vamaro-swarm", "\"$0\"", 1);
-    let output = Command::new("sh").args(["-c", &line, PROGRAM]).current_dir(folder).output().unwrap();
+    let output = Command::new("sh")
+        .args(["-c", &line, PROGRAM])
+        .current_dir(folder)
+        .env("HOME", folder)
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{line}: {}", stderr(&output));
     String::from_utf8(output.stdout).unwrap()
 }
@@ -44,9 +49,9 @@ fn all_are_understood() {
 }
 
 #[test]
-fn those_of_the_readme_run() {
+fn those_that_one_begins_with_run() {
     let folder = tempfile::tempdir().unwrap();
-    let lines = commands(&root().join("README.md"));
+    let lines = ["README.md", "docs/installing.md"].map(|name| commands(&root().join(name))).concat();
     assert!(lines.len() > 10, "{lines:?}");
     for line in lines {
         // What takes long does less of the same.
@@ -55,6 +60,6 @@ fn those_of_the_readme_run() {
             Some("evaluate") => line + " --episodes 4 --levels 1,0 --in-process",
             _ => line,
         };
-        assert!(!run(&line.replace("~/", ""), folder.path()).is_empty(), "{line}");
+        assert!(!run(&line, folder.path()).is_empty(), "{line}");
     }
 }
