@@ -73,6 +73,8 @@
 //! | [`cli`] | one file per command |
 
 #![warn(clippy::match_bool, clippy::unwrap_used)]
+// Rooms keep for the commands what nobody else calls.
+#![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
 
 mod embed;
 mod swarm;
@@ -80,10 +82,13 @@ mod swarm;
 pub mod agent;
 pub mod base;
 pub mod bus;
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod dynamics;
 pub mod environment;
+#[cfg(feature = "cli")]
 pub(crate) mod evaluate;
+#[cfg(feature = "cli")]
 pub(crate) mod latency;
 pub mod link;
 pub(crate) mod metrics;
@@ -92,6 +97,7 @@ pub(crate) mod plot;
 pub mod recording;
 pub mod supervisor;
 pub mod train;
+#[cfg(feature = "cli")]
 pub(crate) mod verify;
 
 pub use embed::run_if_agent;

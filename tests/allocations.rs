@@ -1,7 +1,7 @@
 //! What runs millions of times allocates nothing: a test binary of its own, for its own allocator.
 //!
 //! Allocations are counted for each thread, so of a swarm of processes those of the supervisor. Its agents run this
-//! test binary, which the words that they are called with, `agent <settings>`, have run the test [`agent`] and no other.
+//! test binary, which the words that they are called with, `--exact agent <settings>`, have run the test [`agent`] alone.
 
 mod common;
 
@@ -215,7 +215,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
     }
 }
 
-/// Not a test: what the agents of the one below run. No test may have its name as a part of its own.
+/// Not a test: what the agents of the one below run.
 #[test]
 fn agent() {
     vamaro_swarm::run_if_agent(&Registry::default());
@@ -259,7 +259,7 @@ fn a_supervisor_allocates_nothing_but_loans_after_the_first_episode() {
             ..AgentSettings::of(task.spec())
         };
         let policy = Policy::untrained(&dims(task.spec()), 1, Networks::paper(ActorKind::Mlp)).unwrap();
-        let conduct = Conduct { wait, rate, command: common::this_binary(), ..Conduct::default() };
+        let conduct = Conduct { wait, rate, command: Some(common::this_binary()), ..Conduct::default() };
         let mut ticks = Vec::with_capacity(EPISODES * EPISODE_STEPS);
         let team = Processes::start(&settings, &policy, conduct.clone()).unwrap();
         let links = LinkSpec::parse("gilbert(0.1, 0.3) + delay(2, 1)", 4).unwrap().build();

@@ -7,5 +7,6 @@ pub(crate) mod nearest;
 pub mod rng;
 pub mod scheduling;
 pub(crate) mod stats;
+#[cfg(feature = "cli")]
 pub(crate) mod table;
 pub(crate) mod threads;

@@ -7,9 +7,8 @@ use crossbeam::utils::Backoff;
 use crate::base::error::Result;
 
 /// How a process waits for the others.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Wait {
     /// Sleep until woken: one wake-up per phase, right for more processes than cores.

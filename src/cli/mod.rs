@@ -9,6 +9,7 @@ mod fit;
 mod import;
 mod inspect;
 mod machine;
+mod man;
 mod plot;
 mod progress;
 mod reporter;
@@ -84,6 +85,8 @@ enum Command {
         /// The shell
         shell: Shell,
     },
+    /// Write man pages, one for each command
+    Man(man::Man),
     /// Run one agent; the supervisor starts these
     #[command(hide = true)]
     Agent {
@@ -119,6 +122,7 @@ impl Cli {
                 clap_complete::generate(shell, &mut visible_commands(), "vamaro-swarm", &mut script);
                 print(&String::from_utf8_lossy(&script))
             }
+            Command::Man(command) => command.run(),
             Command::Agent { settings } => {
                 // Who was started for it has not come here.
                 Err(usage!(

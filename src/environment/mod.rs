@@ -6,7 +6,7 @@
 //!
 //! Most tasks are point-mass agents on a plane. Lengths are metres, times seconds, masses kilograms; the state is
 //! `f64`, what agents observe is `f32`. The rules are those of the reference environments, down to the last
-//! bits: `tests/verify.rs` replays episodes recorded from them.
+//! bits: `tests/suite/verify.rs` replays episodes recorded from them.
 
 mod family;
 mod hear_see;

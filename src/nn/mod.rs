@@ -11,6 +11,7 @@
 //! no allocation, no threads, and every row independent of the rows computed with it.
 
 mod file;
+#[cfg(feature = "candle")]
 mod import;
 mod inference;
 pub mod kernels;
@@ -19,7 +20,9 @@ mod network;
 mod networks;
 mod policy;
 mod predictor;
+#[cfg(feature = "candle")]
 pub mod reference;
+#[cfg(feature = "candle")]
 mod state_dict;
 #[cfg(test)]
 mod tests;
@@ -27,7 +30,9 @@ mod weights;
 
 pub use file::PolicyFile;
 pub(crate) use file::{Precision, map, write_tensors};
+#[cfg(feature = "candle")]
 pub use import::import;
+#[cfg(feature = "candle")]
 pub(crate) use import::key;
 pub use inference::{Inference, NetworkState, Scratch};
 pub use meta::Meta;

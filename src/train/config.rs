@@ -103,7 +103,8 @@ pub struct Config {
 }
 
 /// Where a configuration starts from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Preset {
     /// The settings in the paper's text: setting 1 for hear-see, speaker-listener and spread-xy-2, setting 2
     /// for the other tasks
@@ -115,7 +116,8 @@ pub enum Preset {
 }
 
 /// What trains the policy.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Algorithm {
     /// Critics that see all observations.

@@ -41,9 +41,8 @@ pub struct Settings {
 
 /// What computes the outputs of networks in training and the gradients of their weights. Everything else is the
 /// same: advantages, clipping, Adam, threads.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
     /// Backward passes written by hand, on the kernels that agents run. The same to the last bit on any number
@@ -55,6 +54,7 @@ pub enum Backend {
     /// candle divides large products and vectors over threads of its own, whatever the number of threads here.
     /// It can be told not to from outside alone: by `RAYON_NUM_THREADS=1` in the environment, which is right
     /// whenever more than one network learns at a time.
+    #[cfg(feature = "candle")]
     Candle,
 }
 

@@ -51,10 +51,11 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// The command for agents of a test binary whose swarms are its own: the binary itself, whose harness then runs the test
-/// named `agent`, which is to call `run_if_agent`.
-pub fn this_binary() -> Option<AgentCommand> {
-    Some(AgentCommand::new("/proc/self/exe"))
+/// The command for agents of a test binary whose swarms are its own: the binary itself. The words of the command,
+/// `--exact agent <settings>`, have its harness run the test `agent` of its main file and no other. That calls
+/// `run_if_agent`.
+pub fn this_binary() -> AgentCommand {
+    AgentCommand::new("/proc/self/exe").word("--exact")
 }
 
 /// The agents of a swarm of this process, and its tag.
@@ -245,8 +246,10 @@ pub fn children(process: u32) -> Vec<Pid> {
     pids.split_whitespace().filter_map(|pid| Pid::from_raw(pid.parse().ok()?)).collect()
 }
 
-/// The settings an agent was started with.
+/// The settings an agent was started with: its last word, unless it is still the process that starts it.
 pub fn settings_of(agent: Pid) -> Option<serde_json::Value> {
     let line = std::fs::read(format!("/proc/{}/cmdline", agent.as_raw_nonzero())).ok()?;
-    serde_json::from_slice(line.split(|byte| *byte == 0).nth(2)?).ok()
+    // Each word ends with a zero, so nothing is behind the last one.
+    let settings = serde_json::from_slice(line.split(|byte| *byte == 0).rev().nth(1)?).ok();
+    settings.filter(serde_json::Value::is_object)
 }

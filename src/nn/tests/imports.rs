@@ -1,4 +1,4 @@
-//! State dicts that are not what they should be. Those that are good are in `tests/policies.rs`.
+//! State dicts that are not what they should be. Those that are good are in `tests/suite/policies.rs`.
 
 use super::*;
 use crate::base::error::Error;

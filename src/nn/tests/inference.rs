@@ -1,4 +1,5 @@
 use super::*;
+#[cfg(feature = "candle")]
 use crate::nn::reference::CandleNetwork;
 use proptest::prelude::*;
 
@@ -29,6 +30,7 @@ fn run(
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
+    #[cfg(feature = "candle")]
     #[test]
     fn networks_agree_with_candle(
         kind in 0usize..4, acting in any::<bool>(), skip in any::<bool>(), hidden in 1usize..70, joint in 1usize..40, n_actions in 1usize..7,

@@ -1,6 +1,7 @@
 //! The nn room against its references: candle's networks, and every way in which a file can be wrong.
 
 mod files;
+#[cfg(feature = "candle")]
 mod imports;
 mod inference;
 mod policy;

@@ -4,13 +4,15 @@
 //! earlier step is one product over all steps. What lies between the layers stays here from the forward pass to the
 //! backward pass, which may be called once after it.
 
+#[cfg(feature = "candle")]
 mod candle;
 mod gru;
 mod lstm;
 mod native;
-#[cfg(test)]
+#[cfg(all(test, feature = "candle"))]
 mod tests;
 
+#[cfg(feature = "candle")]
 use self::candle::Candle;
 pub(super) use self::native::Native;
 use super::memory::Flat;
@@ -23,6 +25,7 @@ pub enum Passes {
     /// In our own kernels.
     Native(Native),
     /// In candle.
+    #[cfg(feature = "candle")]
     Candle(Candle),
 }
 
@@ -31,6 +34,7 @@ impl Passes {
     pub fn new(backend: Backend, network: &Network) -> Passes {
         match backend {
             Backend::Native => Passes::Native(Native::new(network)),
+            #[cfg(feature = "candle")]
             Backend::Candle => Passes::Candle(Candle::new(network)),
         }
     }
@@ -39,6 +43,7 @@ impl Passes {
     pub fn forward<'a>(&'a mut self, weights: &Flat, steps: usize, rows: usize, x: &'a [f32]) -> &'a [f32] {
         match self {
             Passes::Native(native) => native.forward(weights, steps, rows, x),
+            #[cfg(feature = "candle")]
             Passes::Candle(candle) => candle.forward(weights, steps, rows, x),
         }
     }
@@ -49,6 +54,7 @@ impl Passes {
             Passes::Native(native) => {
                 native.backward(weights, x, d, gradient);
             }
+            #[cfg(feature = "candle")]
             Passes::Candle(candle) => candle.backward(d, gradient),
         }
     }

@@ -1,4 +1,4 @@
-//! Updates against their definitions. That they are the paper's, `tests/verify.rs` shows on recorded ones.
+//! Updates against their definitions. That they are the paper's, `tests/suite/verify.rs` shows on recorded ones.
 
 mod checkpoint;
 mod ends;
@@ -230,6 +230,7 @@ fn operations_counted_by_hand() {
     assert_eq!(team.flop_per_update(4, 6, 7), expected as f64);
 }
 
+#[cfg(feature = "candle")]
 #[test]
 fn candle_comes_to_the_same_weights() {
     for (kind, sharing) in kinds() {

@@ -1,8 +1,7 @@
 //! Episodes that end early, played by the one driver and learned from: no world that is done has any say in what the
 //! others count, or in what is learned.
 
-mod common;
-
+use crate::common;
 use vamaro_swarm::agent::{AgentSettings, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::base::rng::{Draws, Purpose};
@@ -233,15 +232,9 @@ fn counts_and_audit_skip_worlds_that_are_done() {
     }
 }
 
-/// Not a test: what the agents of the last one run. No other test may have its name as a part of its own.
-#[test]
-fn agent() {
-    vamaro_swarm::run_if_agent(&vamaro_swarm::agent::Registry::default());
-}
-
 #[test]
 fn processes_idle_as_one_process_does() {
-    let conduct = Conduct { command: common::this_binary(), ..Conduct::default() };
+    let conduct = Conduct { command: Some(common::this_binary()), ..Conduct::default() };
     let processes = Processes::start(&agents(4), &untrained_policy(), conduct).unwrap();
     assert_eq!(counted(processes, 4), counted_in_process(4));
 }

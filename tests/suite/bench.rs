@@ -1,11 +1,9 @@
 //! What `bench` says, never how fast it is.
 
-mod common;
-
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{fail, succeed};
+use crate::common::{self, fail, succeed};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 

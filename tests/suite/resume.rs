@@ -1,13 +1,11 @@
 //! Training runs that are stopped, killed, resumed and damaged: nothing is lost, and nothing of it shows.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use common::training::{Folder, SMALL, assert_same, result};
-use common::{Swarm, assert_gone, command, fail, succeed};
+use crate::common::training::{Folder, SMALL, assert_same, result};
+use crate::common::{self, Swarm, assert_gone, command, fail, succeed};
 use rustix::process::{Signal, kill_process};
 use serde_json::Value;
 

@@ -1,11 +1,9 @@
 //! Oracles: what they are told is true, it counts, and nobody else is told.
 
-mod common;
-
 use std::fs;
 use std::time::Duration;
 
-use common::{fail, run, stderr, succeed};
+use crate::common::{fail, run, stderr, succeed};
 use serde_json::Value;
 use vamaro_swarm::agent::{Agent, AgentSettings, Inbox, PolicySource, Received, Truth};
 use vamaro_swarm::base::error::Result;

@@ -1,10 +1,8 @@
 //! `verify` and `inspect` through the real binary: what holds holds, what was tampered with does not.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
-use common::{data, fail, run, succeed};
+use crate::common::{self, data, fail, run, succeed};
 use serde_json::Value;
 
 /// Copies a recording or trace with one value changed.

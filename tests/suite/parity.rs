@@ -3,9 +3,7 @@
 //! A trace holds states, masks, estimates, actions, logits and rewards of every step, so two equal files
 //! are two equal runs.
 
-mod common;
-
-use common::succeed;
+use crate::common::succeed;
 
 /// Records a run and hands out the bytes of its trace.
 fn record(words: &str) -> Vec<u8> {

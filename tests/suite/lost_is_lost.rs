@@ -1,12 +1,10 @@
 //! A lost observation never reaches imputer or policy, and a delayed one not before it arrives: with the payloads of all
 //! that has not arrived replaced by an absurd number, nothing changes by a bit.
 
-mod common;
-
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use common::acting::{ACTING, acting};
+use crate::common::acting::{ACTING, acting};
 use vamaro_swarm::agent::{AgentSettings, PolicySource};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::bus::{AgentPort, Header, Kind, Layout, LocalPort, LocalSample, NOT_ARRIVED, Sample};

@@ -1,8 +1,6 @@
 //! Observations that arrive late: what agents make of them, with and without processes, and what is written down.
 
-mod common;
-
-use common::{fail, succeed};
+use crate::common::{fail, succeed};
 use vamaro_swarm::agent::{Agent, AgentSettings, Inbox, Received};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::Task;

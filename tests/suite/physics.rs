@@ -3,11 +3,9 @@
 // Helpers of tests are tests, which clippy does not see.
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
 use std::fs;
 
-use common::{fail, succeed};
+use crate::common::{fail, succeed};
 use serde_json::Value;
 
 const PHYSICS: &str = "motor_noise=0.3,damping=0.3,mass=1.2";

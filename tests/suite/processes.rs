@@ -1,8 +1,6 @@
 //! Swarms of processes: nothing is left behind, however they end.
 
-mod common;
-
-use common::{Swarm, assert_gone, fail, run, shared_memory, stderr, succeed};
+use crate::common::{self, Swarm, assert_gone, fail, run, shared_memory, stderr, succeed};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Signal, kill_process};

@@ -3,10 +3,8 @@
 // Helpers of tests are tests, which clippy does not see.
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::acting::{ACTING, acting};
-use common::{fail, succeed};
+use crate::common::acting::{ACTING, acting};
+use crate::common::{fail, succeed};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,10 +1,8 @@
 //! `plot` through the real binary.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
-use common::{command, fail, stderr, succeed};
+use crate::common::{command, fail, stderr, succeed};
 use tempfile::TempDir;
 
 /// The folder of a run with these settings: four tests of two predictors at two levels.

@@ -1,10 +1,8 @@
 //! Bad input through the real binary: one clear message, the right exit code, nothing half-written.
 
-mod common;
-
 use std::path::PathBuf;
 
-use common::{data, fail, run, succeed};
+use crate::common::{self, data, fail, run, succeed};
 
 /// A folder with a policy file for hear-see.
 fn with_policy() -> (tempfile::TempDir, PathBuf) {

@@ -3,9 +3,7 @@
 // Helpers of tests are tests, which clippy does not see.
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{fail, succeed};
+use crate::common::{fail, succeed};
 use serde_json::Value;
 
 /// The mean return of 100 episodes in which only what is sent at t = 0 arrives, or everything.

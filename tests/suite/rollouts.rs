@@ -1,13 +1,8 @@
 //! Rollouts for training: the same bits by processes and in-process, with weights that are renewed on the way.
-//!
-//! The swarms are of this test binary: the supervisor starts its own program again, and the words it calls an
-//! agent with, `agent <settings>`, have the test harness run the test [`agent`] and no other.
 
-mod common;
-
-use common::{assert_gone, swarm_of};
+use crate::common::{self, assert_gone, swarm_of};
 use rustix::process::{Signal, kill_process};
-use vamaro_swarm::agent::{AgentSettings, PolicySource, Registry, dims};
+use vamaro_swarm::agent::{AgentSettings, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::{PhysicsSpec, Task};
 use vamaro_swarm::link::Links;
@@ -23,16 +18,9 @@ const EPISODE_STEPS: usize = 25;
 
 const SEED: u64 = 4;
 
-/// Not a test: what the agents of the others run. None of those may have its name as a part of theirs, or agents
-/// would run them too.
-#[test]
-fn agent() {
-    vamaro_swarm::run_if_agent(&Registry::default());
-}
-
 /// How swarms of this binary run.
 fn conduct() -> Conduct {
-    Conduct { command: common::this_binary(), ..Conduct::default() }
+    Conduct { command: Some(common::this_binary()), ..Conduct::default() }
 }
 
 /// A team whose logits are listened to.

@@ -1,8 +1,6 @@
 //! Swarms against the clock.
 
-mod common;
-
-use common::{Swarm, fail, succeed};
+use crate::common::{Swarm, fail, succeed};
 use rustix::process::{Signal, kill_process};
 use serde_json::Value;
 

@@ -1,8 +1,6 @@
 //! Real-time hygiene: what is said to be granted is what the kernel says, whatever this machine permits.
 
-mod common;
-
-use common::{Swarm, fail, status, succeed};
+use crate::common::{self, Swarm, fail, status, succeed};
 use rustix::process::{Pid, Signal};
 use serde_json::Value;
 

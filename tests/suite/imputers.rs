@@ -1,12 +1,9 @@
 //! Imputers through the library: one of one's own, in agents that are processes, and one that is learned.
-//!
-//! The swarms are of this test binary: the words it calls an agent with have the test harness run the test [`agent`].
 
 // Helpers of tests are tests, which clippy does not see.
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
+use crate::common;
 use std::time::Duration;
 
 use vamaro_swarm::agent::imputer::{Imputer, JointLayout, Setup, Step};
@@ -70,14 +67,9 @@ impl Imputer for Mean {
     fn predict(&mut self, _step: &Step) {}
 }
 
-fn registry() -> Registry {
+/// What agents of this binary know.
+pub fn registry() -> Registry {
     Registry::default().with_imputer("mean", "the mean of what was received", Mean::make)
-}
-
-/// Not a test: what the agents of the others run. None of those may have its name as a part of theirs.
-#[test]
-fn agent() {
-    vamaro_swarm::run_if_agent(&registry());
 }
 
 /// All that the agents of an episode say, bit by bit, by world.
@@ -113,7 +105,7 @@ fn an_imputer_of_ones_own_runs_in_processes_as_it_does_here() {
     let task = Task::parse("spread-xy-4").unwrap();
     let policy = PolicySource::Builtin.load(task.spec()).unwrap();
     let here = |imputer| play(&task, 0.4, &mut InProcess::new(&settings(&task, imputer), &policy).unwrap()).0;
-    let conduct = Conduct { command: common::this_binary(), ..Conduct::default() };
+    let conduct = Conduct { command: Some(common::this_binary()), ..Conduct::default() };
     let mut processes = Processes::start(&settings(&task, "mean"), &policy, conduct).unwrap();
     let mean = here("mean");
     assert!(play(&task, 0.4, &mut processes).0 == mean, "processes impute as they do here");

@@ -1,33 +1,24 @@
 //! Swarms of a program that is not ours: no signal handler of ours, several swarms, deadlines of their own, and observers
 //! that fail.
 
-mod common;
-
 use std::error::Error as _;
 use std::time::Duration;
 
-use common::{assert_gone, swarm_of};
+use crate::common::{self, assert_gone, swarm_of};
 use rustix::process::{Pid, Signal, kill_process};
-use vamaro_swarm::agent::{AgentSettings, PolicySource, Registry};
+use vamaro_swarm::agent::{AgentSettings, PolicySource};
 use vamaro_swarm::base::error::{Error, Result};
 use vamaro_swarm::environment::{
     About, ActionSpace, Actions, AgentSpec, End, Spec, State, Task, Value, World, Worlds,
 };
 use vamaro_swarm::link::Links;
 use vamaro_swarm::supervisor::{
-    AgentCommand, Conduct, Deadlines, Decisions, Observer, Processes, Session, Stage, Statistics,
+    Conduct, Deadlines, Decisions, Observer, Processes, Session, Stage, Statistics,
 };
 use vamaro_swarm::{Swarm, SwarmBuilder};
 
-/// Not a test: what the agents of the others run. None of those may have its name as a part of theirs, or agents
-/// would run them too.
-#[test]
-fn agent() {
-    vamaro_swarm::run_if_agent(&Registry::default());
-}
-
 fn conduct() -> Conduct {
-    Conduct { command: common::this_binary(), ..Conduct::default() }
+    Conduct { command: Some(common::this_binary()), ..Conduct::default() }
 }
 
 /// A swarm of two, and what it plays.
@@ -141,7 +132,7 @@ fn fragile(breaks: fn() -> Result<End>) -> SwarmBuilder {
         AgentSpec { name: "lonely".to_owned(), observation: vec![value], actions: ActionSpace::Discrete(2) };
     let world = Worlds::new(Spec::of("fragile", vec![agent]), 1, move |_| Fragile { episode: 0, breaks });
     let builder = Swarm::builder().environment(world).policy(PolicySource::Untrained(1));
-    builder.agent_command(AgentCommand::new("/proc/self/exe"))
+    builder.agent_command(common::this_binary())
 }
 
 #[test]
@@ -179,8 +170,7 @@ fn an_observer_that_fails_or_panics_leaves_nothing_behind() {
 #[test]
 fn a_swarm_plays_the_same_whatever_its_agents_are() {
     let builder = || Swarm::builder().environment("hear-see").links("level(0.3)").seed(3).worlds(2);
-    let command = AgentCommand::new("/proc/self/exe");
-    let mut processes = builder().agent_command(command).build().unwrap();
+    let mut processes = builder().agent_command(common::this_binary()).build().unwrap();
     let mut here = builder().in_process().build().unwrap();
     let returns = |statistics: &Statistics| {
         let episodes = statistics.episodes().iter();

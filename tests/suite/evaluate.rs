@@ -1,13 +1,11 @@
 //! `evaluate` through the real binary: the same numbers wherever agents run, sweeps that go on, requirements.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use common::{Swarm, assert_gone, command, fail, run, stderr, succeed};
+use crate::common::{self, Swarm, assert_gone, command, fail, run, stderr, succeed};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 

@@ -1,12 +1,10 @@
 //! Training through the real binary: what a run leaves, and that nothing but its settings decides it.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::training::{Folder, SMALL, assert_same, result};
-use common::{fail, run, stderr, succeed};
+use crate::common::training::{Folder, SMALL, assert_same, result};
+use crate::common::{fail, run, stderr, succeed};
 use serde_json::Value;
 
 #[test]
