@@ -5,6 +5,7 @@
 mod common;
 
 mod children;
+mod faults;
 mod real_time;
 mod scheduling;
 

@@ -1,25 +1,17 @@
 //! Agents that die, hang or are killed on purpose: the others play on, and what happened is said.
 
-mod common;
-
 use std::time::{Duration, Instant};
 
-use common::{Swarm, assert_gone, fail, succeed, swarm_of};
+use crate::common::{self, Swarm, assert_gone, fail, succeed, swarm_of};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use vamaro_swarm::agent::{AgentSettings, Registry};
+use vamaro_swarm::agent::AgentSettings;
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::{LinkSpec, Links};
 use vamaro_swarm::supervisor::{
     Conduct, Deadlines, Decisions, InProcess, Ledger, Observer, OnFailure, Processes, Session, Stage, Statistics, Team,
 };
-
-/// Not a test: what the agents of the others run. None of those may have its name as a part of theirs.
-#[test]
-fn agent() {
-    vamaro_swarm::run_if_agent(&Registry::default());
-}
 
 fn json(words: &str) -> Value {
     serde_json::from_str(&succeed(words)).unwrap()
@@ -82,7 +74,7 @@ fn start(on_failure: OnFailure, answer: Duration, delays: bool) -> (Processes, S
     let settings = AgentSettings { longest_delay: links.longest_delay(), ..AgentSettings::of(task.spec()) };
     let policy = settings.policy.load(task.spec()).unwrap();
     let deadlines = Deadlines { answer, peers: LONG, ..Deadlines::default() };
-    let conduct = Conduct { on_failure, deadlines, command: common::this_binary(), ..Conduct::default() };
+    let conduct = Conduct { on_failure, deadlines, command: Some(common::this_binary()), ..Conduct::default() };
     (Processes::start(&settings, &policy, conduct).unwrap(), Session::new(task.environment(1), links, 0))
 }
 
