@@ -170,8 +170,7 @@ mod tests {
         };
         assert_eq!((side(0), side(1), side(2)), (0.0, 0.0, 252.0));
         assert!(side(3) > 100.0);
-        for part in
-            ["/BaseFont /Helvetica\n", "(task) Tj", "(a \\(b\\)) Tj", "/F0 16 Tf", "(-1.0) Tj", "/G0 gs"]
+        for part in ["/BaseFont /Helvetica\n", "(task) Tj", "(a (b)) Tj", "/F0 16 Tf", "(-2) Tj", "/G0 gs"]
         {
             assert!(text.contains(part), "{part} is not in {text}");
         }

@@ -202,6 +202,31 @@ mod tests {
         assert!(!folder.path().join("robustness.pdf").exists(), "that of an earlier evaluation is gone");
     }
 
+    /// Runs the recipe of the docs, if there is a Python with pandas.
+    #[test]
+    fn pandas_finds_the_same_means_and_differences() {
+        let python = |code: &str, folder: &Path| {
+            std::process::Command::new("python3").args(["-c", code]).current_dir(folder).output()
+        };
+        let folder = tempfile::tempdir().unwrap();
+        if !python("import pandas", folder.path()).is_ok_and(|output| output.status.success()) {
+            eprintln!("skipped: there is no Python with pandas");
+            return;
+        }
+        let (evaluation, summary) = fixture::two_tasks();
+        write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
+        let docs = include_str!("../../../docs/formats.md");
+        let recipe = docs.split("```python\n").find(|part| part.starts_with("import pandas")).unwrap();
+        let output = python(recipe.split("```").next().unwrap(), folder.path()).unwrap();
+        let words = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let cell = &summary.groups[0].imputers[0].cells[1];
+        let difference = cell.comparison.unwrap().difference.value;
+        for number in [cell.mean.value, cell.seed_std.unwrap(), difference] {
+            assert!(words.contains(&format!("{number:.6}")), "{number} is not in {words}");
+        }
+    }
+
     #[test]
     fn what_has_nothing_to_show_is_not_written() {
         let (evaluation, mut summary) = fixture::two_tasks();
