@@ -77,6 +77,18 @@ fn several_runs() {
 }
 
 #[test]
+fn for_a_paper() {
+    let here = tempfile::tempdir().unwrap();
+    let folder = hear_see(&here, "a", 0.0);
+    let said = succeed(&format!("plot {} --paper", folder.display()));
+    assert!(said.contains("a/curves.pdf: hear-see: 1 run"), "{said}");
+    let chart = std::fs::read(folder.join("curves.pdf")).unwrap();
+    assert!(chart.starts_with(b"%PDF-") && !folder.join("curves.svg").exists());
+    let printed = command(&format!("plot {} --paper --out -", folder.display())).output().unwrap();
+    assert_eq!(printed.stdout, chart);
+}
+
+#[test]
 fn a_run_in_training() {
     let here = tempfile::tempdir().unwrap();
     let folder = hear_see(&here, "a", 0.0);

@@ -116,7 +116,7 @@ impl Cli {
             Command::Completions { shell } => {
                 let mut script = Vec::new();
                 clap_complete::generate(shell, &mut visible_commands(), "vamaro-swarm", &mut script);
-                print(script)
+                print_bytes(&script)
             }
             Command::Agent { settings } => {
                 // Who was started for it has not come here.
@@ -156,9 +156,14 @@ fn visible_commands() -> clap::Command {
 }
 
 /// Writes to stdout. A reader that has heard enough (`| head`) is not an error.
-fn print(text: impl AsRef<[u8]>) -> Result<()> {
+fn print(text: &str) -> Result<()> {
+    print_bytes(text.as_bytes())
+}
+
+/// The same of what need not be text.
+fn print_bytes(bytes: &[u8]) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
-    match stdout.write_all(text.as_ref()).and_then(|()| stdout.flush()) {
+    match stdout.write_all(bytes).and_then(|()| stdout.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
             Err(Error::Failed(format!("cannot write to stdout: {e}")))
         }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::print;
+use super::{print, print_bytes};
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
 use crate::metrics::{self, Metrics};
@@ -54,7 +54,7 @@ impl Plot {
             (figure.to_svg().into_bytes(), "curves.svg")
         };
         let out = match (&self.out, &runs[..]) {
-            (Some(out), _) if out.as_os_str() == "-" => return print(&chart),
+            (Some(out), _) if out.as_os_str() == "-" => return print_bytes(&chart),
             (Some(out), _) => out.clone(),
             (None, [run]) => run.file.with_file_name(file),
             (None, _) => PathBuf::from(file),

@@ -233,7 +233,7 @@ impl Place {
 fn labelled(panels: &[Panel], index: usize, columns: usize) -> Labelled {
     let panel = &panels[index];
     let below = panels.get(index + columns);
-    let left = (index % columns > 0).then(|| &panels[index - 1]);
+    let left = (!index.is_multiple_of(columns)).then(|| &panels[index - 1]);
     let same = |left: &Panel| (&left.y_label, left.row_names()) == (&panel.y_label, panel.row_names());
     Labelled {
         x: below.is_none_or(|below| below.x_label != panel.x_label),

@@ -114,9 +114,9 @@ fn rounded(place: f64) -> f32 {
 
 /// The bytes of a text: those of Latin-1, and a question mark for what is not in it.
 fn encoded(text: &str) -> Vec<u8> {
-    let byte = |character: char| match u8::try_from(character) {
-        Ok(byte @ (0x20..=0x7e | 0xa0..=0xff)) => byte,
-        _ => b'?',
+    let byte = |character: char| {
+        let byte = u8::try_from(character).ok();
+        byte.filter(|byte| matches!(byte, 0x20..=0x7e | 0xa0..=0xff)).unwrap_or(b'?')
     };
     text.chars().map(byte).collect()
 }
@@ -170,8 +170,7 @@ mod tests {
         };
         assert_eq!((side(0), side(1), side(2)), (0.0, 0.0, 252.0));
         assert!(side(3) > 100.0);
-        for part in ["/BaseFont /Helvetica\n", "(task) Tj", "(a (b)) Tj", "/F0 16 Tf", "(-2) Tj", "/G0 gs"]
-        {
+        for part in ["/BaseFont /Helvetica\n", "(task) Tj", "(a (b)) Tj", "/F0 16 Tf", "(-2) Tj", "/G0 gs"] {
             assert!(text.contains(part), "{part} is not in {text}");
         }
         assert!(!text.contains("(A title) Tj"), "a paper has captions");
