@@ -48,7 +48,17 @@ impl<P: AgentPort> Member<P> {
             ..Header::default()
         };
         let mailbox = Mailbox::new(agent.team(), swarm, layout.observation, agent.longest_delay());
-        Member { agent, port, layout, identity, mailbox, sensor: None, decided: 0, episode: None, ages: Vec::new() }
+        Member {
+            agent,
+            port,
+            layout,
+            identity,
+            mailbox,
+            sensor: None,
+            decided: 0,
+            episode: None,
+            ages: Vec::new(),
+        }
     }
 
     /// The agent's port.

@@ -92,6 +92,10 @@ pub struct Evaluate {
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
 
+    /// With --report: figures also as PDF for a column of a paper (252 pt wide, text of 8 pt in Helvetica)
+    #[arg(long, requires = "report")]
+    paper: bool,
+
     /// Exit with code 3 unless the low end of the 95 % interval of score, return or iqm reaches this, such as
     /// 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'; may be given several times
     #[arg(long, value_name = "REQUIREMENT")]
@@ -132,6 +136,7 @@ const EXAMPLES: &str = "\
 Examples:
   vamaro-swarm evaluate runs/hs-0
   vamaro-swarm evaluate runs/hs-*/policy.safetensors --report report/
+  vamaro-swarm evaluate runs/hs-0 --report report/ --paper        figures as PDF
   vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic
   vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
   vamaro-swarm evaluate runs/hs-0 --levels 1 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
@@ -171,7 +176,7 @@ impl Evaluate {
         let summary = Summary::of(&evaluation, baselines, threads(self.threads))?;
         let provenance = provenance();
         if let Some(folder) = &self.report {
-            report::write(folder, &evaluation, &summary, &provenance)?;
+            report::write(folder, &evaluation, &summary, &provenance, self.paper)?;
         }
         if self.json {
             print(&report::results(&summary, &provenance))?;

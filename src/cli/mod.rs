@@ -120,7 +120,7 @@ impl Cli {
             Command::Completions { shell } => {
                 let mut script = Vec::new();
                 clap_complete::generate(shell, &mut visible_commands(), "vamaro-swarm", &mut script);
-                print(&String::from_utf8_lossy(&script))
+                print_bytes(&script)
             }
             Command::Man(command) => command.run(),
             Command::Agent { settings } => {
@@ -162,8 +162,13 @@ fn visible_commands() -> clap::Command {
 
 /// Writes to stdout. A reader that has heard enough (`| head`) is not an error.
 fn print(text: &str) -> Result<()> {
+    print_bytes(text.as_bytes())
+}
+
+/// The same of what need not be text.
+fn print_bytes(bytes: &[u8]) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
-    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+    match stdout.write_all(bytes).and_then(|()| stdout.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
             Err(Error::Failed(format!("cannot write to stdout: {e}")))
         }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::print;
+use super::{print, print_bytes};
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
 use crate::metrics::{self, Metrics};
@@ -20,6 +20,7 @@ Examples:
   vamaro-swarm plot runs/hs-0 runs/hs-1 runs/hs-2     mean and standard deviation over three seeds
   vamaro-swarm plot runs/hs-* --out hear-see.svg
   vamaro-swarm plot runs/hs-0 --out - > curves.svg
+  vamaro-swarm plot runs/hs-0 --paper                 writes runs/hs-0/curves.pdf
 
 One panel per level p of communication, one line per predictor: the mean return of the tests.
 A run that is still in training can be plotted. A browser shows the file.")]
@@ -32,6 +33,10 @@ pub struct Plot {
     /// several]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+
+    /// PDF for a column of a paper (252 pt wide, text of 8 pt in Helvetica), not SVG [default --out: curves.pdf]
+    #[arg(long)]
+    paper: bool,
 }
 
 impl Plot {
@@ -42,14 +47,19 @@ impl Plot {
         let config = runs.iter().find_map(|run| run.config.as_ref());
         let name = config.map_or(String::new(), |config| format!("{}: ", config.task));
         let metrics: Vec<Metrics> = runs.iter().map(|run| run.metrics.clone()).collect();
-        let chart = curves(&metrics, &format!("{name}return of tests while training"))?;
-        let out = match (&self.out, &runs[..]) {
-            (Some(out), _) if out.as_os_str() == "-" => return print(&chart),
-            (Some(out), _) => out.clone(),
-            (None, [run]) => run.file.with_file_name("curves.svg"),
-            (None, _) => PathBuf::from("curves.svg"),
+        let figure = curves(&metrics, &format!("{name}return of tests while training"))?;
+        let (chart, file) = if self.paper {
+            (figure.to_pdf(), "curves.pdf")
+        } else {
+            (figure.to_svg().into_bytes(), "curves.svg")
         };
-        AtomicFile::write(&out, chart.as_bytes())?;
+        let out = match (&self.out, &runs[..]) {
+            (Some(out), _) if out.as_os_str() == "-" => return print_bytes(&chart),
+            (Some(out), _) => out.clone(),
+            (None, [run]) => run.file.with_file_name(file),
+            (None, _) => PathBuf::from(file),
+        };
+        AtomicFile::write(&out, &chart)?;
         print(&format!(
             "wrote {}: {name}{} run{}, up to {} env steps\n",
             out.display(),

@@ -119,8 +119,13 @@ mod tests {
     fn what_is_not_kept_to_is_named_with_what_was_found() {
         let statistics = Statistics::default();
         let faults = Faults { deaths: 2, ..Faults::default() };
-        let outcome =
-            Outcome { statistics: &statistics, audit: None, punctuality: None, faults: Some(&faults), injected: None };
+        let outcome = Outcome {
+            statistics: &statistics,
+            audit: None,
+            punctuality: None,
+            faults: Some(&faults),
+            injected: None,
+        };
         let requirements = ["deaths<=1", "hangs<=0", "rate>=100"].map(|text| text.parse().unwrap());
         let error = check(&requirements, &outcome).unwrap_err();
         assert!(matches!(error, Error::Unmet(_)));

@@ -21,8 +21,8 @@ use crate::link::{self, CommunicationMatrix, LinkSpec, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::RecordingHeader;
 use crate::supervisor::{
-    Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure, Processes, Recorder,
-    Session, Statistics, Team, parse_duration, signals,
+    Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure, Processes,
+    Recorder, Session, Statistics, Team, parse_duration, signals,
 };
 use crate::{failed, usage};
 

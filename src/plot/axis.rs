@@ -82,6 +82,13 @@ impl Axis {
         Axis { scale: Scale::Logarithmic, low, high, ticks }
     }
 
+    /// The same range, with ticks at these values.
+    pub(super) fn with_ticks(self, values: &[f64]) -> Axis {
+        let mut values = values.to_vec();
+        values.sort_by(f64::total_cmp);
+        Axis { ticks: values.into_iter().map(|value| (value, value.to_string())).collect(), ..self }
+    }
+
     /// Where a value is: 0 at the low end, 1 at the high end. Not finite if it has no place.
     pub(super) fn position(&self, value: f64) -> f64 {
         let value = match self.scale {
@@ -171,6 +178,14 @@ mod tests {
         assert!((axis(1.0, 100.0).position(10.0) - 0.5).abs() < 1e-12);
         assert!(!axis(1.0, 100.0).position(0.0).is_finite());
         assert!(axis(7.0, 7.0).ticks.len() > 1);
+    }
+
+    #[test]
+    fn ticks_can_be_given() {
+        let axis = Axis::new(Scale::Linear, [0.0, 1.0].into_iter(), 5).with_ticks(&[1.0, 0.25, 0.0]);
+        let ticks: Vec<(f64, &str)> = axis.ticks.iter().map(|(value, text)| (*value, &text[..])).collect();
+        assert_eq!(ticks, [(0.0, "0"), (0.25, "0.25"), (1.0, "1")]);
+        assert_eq!(axis.position(0.25), 0.25);
     }
 
     #[test]

@@ -7,16 +7,18 @@ use crate::metrics::Metrics;
 use crate::usage;
 
 /// The curves of one run, or of runs that differ in their seed: their mean and a band of one standard deviation
-/// (unbiased) to both sides, at the timesteps that all have. SVG text.
+/// (unbiased) to both sides, at the timesteps that all have.
 ///
 /// There is one panel for each level with columns `<predictor>/test_p=<level>_return_mean`, from the highest
-/// to the lowest, and one line per predictor. A predictor that only some runs have is the mean of these, and
+/// to the lowest, and one line per predictor. Each panel has a range of its own, or what is lost at the lowest
+/// level would hide what predictors differ by at the others; and that of what was tested after the first tenth, or
+/// what untrained teams return would hide it. A predictor that only some runs have is the mean of these, and
 /// the legend says how many.
 ///
 /// # Errors
 /// [`Error::Usage`](crate::base::error::Error::Usage) if there is no such column, or no timestep with a test that
 /// all runs have.
-pub fn curves(runs: &[Metrics], title: &str) -> Result<String> {
+pub fn curves(runs: &[Metrics], title: &str) -> Result<Figure> {
     let tests: Vec<(&str, f64)> = runs
         .iter()
         .flat_map(|run| &run.columns)
@@ -36,22 +38,29 @@ pub fn curves(runs: &[Metrics], title: &str) -> Result<String> {
             "no metrics of tests to plot: there is no column `<predictor>/test_p=<level>_return_mean`"
         ));
     }
-    let panels = levels.iter().map(|level| Panel {
+    let panel = |level: &f64, series: Vec<Series>| Panel {
         title: format!("p = {level}"),
         x_label: "environment steps".to_owned(),
         y_label: "return per episode".to_owned(),
-        series: predictors.iter().filter_map(|predictor| series(runs, predictor, *level)).collect(),
+        fits_from: series
+            .iter()
+            .flat_map(|series| &series.points)
+            .map(|point| 0.1 * point.x)
+            .reduce(f64::max),
+        series,
+        own_range: true,
         ..Panel::default()
-    });
-    let panels: Vec<Panel> = panels.collect();
+    };
+    let lines = |level: &f64| predictors.iter().filter_map(|name| series(runs, name, *level)).collect();
+    let panels: Vec<Panel> = levels.iter().map(|level| panel(level, lines(level))).collect();
     if panels.iter().flat_map(|panel| &panel.series).all(|series| series.points.is_empty()) {
         return Err(usage!("nothing to plot yet: there is no timestep at which every run was tested"));
     }
     let title = match runs.len() {
-        1 => format!("{title} (one run)"),
-        n => format!("{title} (mean ± std of {n} runs)"),
+        1 => format!("{title} (one run; axes fit the last nine tenths)"),
+        n => format!("{title} (mean ± std of {n} runs; axes fit the last nine tenths)"),
     };
-    Ok(Figure { title, panels }.to_svg())
+    Ok(Figure { title, panels })
 }
 
 /// Reads the name of a column.
@@ -112,8 +121,17 @@ mod tests {
     fn a_predictor_of_some_runs_says_so() {
         let a = run(&[250], &[("maro/test_p=1", &[Some(-1.0)])]);
         let b = run(&[250], &[("maro/test_p=1", &[Some(-1.0)]), ("va/test_p=1", &[Some(-2.0)])]);
-        let chart = curves(&[a, b], "test").unwrap();
+        let chart = curves(&[a, b], "test").unwrap().to_svg();
         assert!(chart.contains(">maro<") && chart.contains(">va (1 of 2 runs)<"));
+    }
+
+    #[test]
+    fn axes_fit_what_was_tested_after_the_first_tenth() {
+        let values: &[Option<f64>] = &[Some(-9000.0), Some(-7.0), Some(-6.0)];
+        let chart = curves(&[run(&[99, 100, 1000], &[("m/test_p=1", values)])], "test").unwrap();
+        assert_eq!(chart.panels[0].fits_from, Some(100.0));
+        let svg = chart.to_svg();
+        assert!(svg.contains(">-7.0</text>") && svg.contains(">-6.0</text>"), "{svg}");
     }
 
     #[test]
@@ -122,8 +140,8 @@ mod tests {
         let levels = ["m/test_p=0", "m/test_p=1", "m/test_p=0.5", "training", "m/test_p=often"];
         let columns = levels.map(|name| (name, values));
         let chart = curves(&[run(&[250], &columns)], "test").unwrap();
-        let titles: Vec<_> = chart.match_indices("p = ").map(|(at, _)| &chart[at + 4..at + 6]).collect();
-        assert_eq!(titles, ["1<", "0.", "0<"]);
+        let titles: Vec<&str> = chart.panels.iter().map(|panel| &panel.title[..]).collect();
+        assert_eq!(titles, ["p = 1", "p = 0.5", "p = 0"]);
     }
 
     #[test]

@@ -1,13 +1,18 @@
-//! Panels of lines with bands, and one legend for all.
+//! Panels, and one legend for all.
 
-use super::axis::{Axis, Scale};
-use super::style::style;
-use super::svg::{Anchor, Svg, escape};
+use super::axis::Scale;
+use super::drawing::{Anchor, Drawing, Face, Ink};
+use super::grid::Grid;
+use super::panel::{Form, Panel};
+use super::pdf::pdf;
+use super::style::{TEXT, TITLE};
+use super::svg::svg;
 
-/// A chart: panels in two columns (or one, for one panel), each row from left to right.
+/// A chart: panels in two columns (or one, for one panel, or where there is no room), each row from left to right.
 ///
-/// Panels whose axes have the same label share its range, so they can be compared by eye; the label stands
-/// once per row or column. Series of the same name look the same in all panels.
+/// Panels whose axes have the same label share its range, so they can be compared by eye, unless they have
+/// [their own](Panel::own_range); the label stands once per row or column. Series of the same name look the same in all
+/// panels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
     /// Stands above everything, on as many lines as it needs.
@@ -16,92 +21,88 @@ pub struct Figure {
     pub panels: Vec<Panel>,
 }
 
-/// One pair of axes.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Panel {
-    /// Stands above the panel.
-    pub title: String,
-    /// What x is, with its unit.
-    pub x_label: String,
-    /// What y is, with its unit.
-    pub y_label: String,
-    /// From back to front.
-    pub series: Vec<Series>,
-    /// What the x axis spans at least.
-    pub x_span: Option<(f64, f64)>,
+/// What a figure is drawn on.
+struct Page {
+    width: f64,
+    /// Whether the title is drawn: in a paper there is a caption.
+    titled: bool,
 }
 
-/// A line.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Series {
-    /// Its name in the legend.
-    pub name: String,
-    /// In the order they are joined. Points that are not finite are left out. A name without any point is not in
-    /// the legend, but keeps its place: the names after it look as they do where it has some.
-    pub points: Vec<Point>,
-}
+/// A screen. The units are pixels at this width; a chart is legible from the width of a phone.
+const SCREEN: Page = Page { width: 640.0, titled: true };
 
-/// A point of a line.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Point {
-    /// From left to right.
-    pub x: f64,
-    /// Upwards.
-    pub y: f64,
-    /// The low and the high end of the band around the line.
-    pub band: Option<(f64, f64)>,
-}
+/// A column of a paper: 252 points (3.5 inches) where text is set in 8 points.
+const COLUMN: Page = Page { width: 504.0, titled: false };
+
+pub(super) const MARGIN: f64 = 16.0;
+/// Height of a line of text.
+pub(super) const LINE: f64 = 24.0;
+/// Length of a line in the legend.
+const SAMPLE: f64 = 40.0;
 
 impl Figure {
-    /// The chart as an SVG document. It is as wide as the reader makes it, and legible from the width of a
-    /// phone (the units below are pixels at 640).
+    /// The chart as an SVG document, as wide as the reader makes it.
     pub fn to_svg(&self) -> String {
-        self.draw([Scale::Linear; 2])
+        svg(&self.draw(&SCREEN, [Scale::Linear; 2]))
     }
 
     /// The same with logarithmic axes. Points that are not positive are left out.
     pub fn to_log_svg(&self) -> String {
-        self.draw([Scale::Logarithmic; 2])
+        svg(&self.draw(&SCREEN, [Scale::Logarithmic; 2]))
     }
 
     /// The same with a logarithmic x axis. Points whose x is not positive are left out.
     pub fn to_semilog_svg(&self) -> String {
-        self.draw([Scale::Logarithmic, Scale::Linear])
+        svg(&self.draw(&SCREEN, [Scale::Logarithmic, Scale::Linear]))
     }
 
-    fn draw(&self, scales: [Scale; 2]) -> String {
-        let names = self.names();
-        let title = wrap(&self.title, WIDTH - 2.0 * MARGIN, TITLE);
-        let drawn: Vec<usize> = (0..names.len()).filter(|index| self.is_drawn(names[*index])).collect();
-        let (legend, legend_lines) = flow(drawn.iter().map(|index| names[*index]));
-        let columns = self.panels.len().min(2);
-        let top = MARGIN + title.len() as f64 * (TITLE + 6.0) + legend_lines as f64 * LINE + 8.0;
-        let grid = Grid::new(&self.panels, columns, top, scales);
+    /// The chart as a PDF document for a column of a paper: 252 points wide, with text of 8 points in Helvetica, and
+    /// without the title, for which a paper has captions.
+    pub fn to_pdf(&self) -> Vec<u8> {
+        pdf(&self.draw(&COLUMN, [Scale::Linear; 2]))
+    }
 
-        let mut svg = Svg::default();
-        svg.raw(&format!(
-            r#"<svg xmlns="http://www.w3.org/2000/svg" class="vs" viewBox="0 0 {WIDTH} {:.0}" role="img">"#,
-            grid.bottom
-        ));
-        svg.raw(&format!("<title>{}</title>\n<style>\n{}</style>", escape(&self.title), style(names.len())));
-        svg.raw(r#"<rect class="paper" width="100%" height="100%"/>"#);
+    fn draw(&self, page: &Page, scales: [Scale; 2]) -> Drawing {
+        let names = self.names();
+        let mut drawing = Drawing {
+            title: self.title.clone(),
+            width: page.width,
+            n_series: names.len(),
+            ..Drawing::default()
+        };
         let mut y = MARGIN;
+        let title =
+            if page.titled { wrap(&self.title, page.width - 2.0 * MARGIN, TITLE) } else { Vec::new() };
         for line in &title {
             y += TITLE + 6.0;
-            svg.text("title", (MARGIN, y - 6.0), Anchor::Start, line);
+            drawing.text(Face::Title, (MARGIN, y - 6.0), Anchor::Start, line);
         }
-        for ((x, line), index) in legend.into_iter().zip(drawn) {
-            let y = y + (line as f64 + 0.5) * LINE;
-            let sample = [(x, y), (x + SAMPLE, y)];
-            svg.path(&format!("line s{index}"), sample.into_iter(), false);
-            svg.text("text", (x + SAMPLE + 8.0, y + 0.35 * TEXT), Anchor::Start, names[index]);
-        }
+        y = self.draw_legend(&mut drawing, y, &names) + 8.0;
+        let grid = Grid::new(&self.panels, page.width, y, scales);
         for (index, panel) in self.panels.iter().enumerate() {
-            grid.draw_axes(&mut svg, index, panel);
-            grid.draw_series(&mut svg, index, panel, &names);
+            grid.draw(&mut drawing, index, panel, &names);
         }
-        svg.raw("</svg>");
-        svg.finish()
+        drawing.height = grid.bottom;
+        drawing
+    }
+
+    /// From `top` to what is returned. Rows have their names beside them.
+    fn draw_legend(&self, drawing: &mut Drawing, top: f64, names: &[&str]) -> f64 {
+        if self.panels.iter().all(|panel| panel.form == Form::Rows) {
+            return top;
+        }
+        let (mut x, mut y) = (MARGIN, top + 0.5 * LINE);
+        for (index, name) in names.iter().enumerate().filter(|(_, name)| self.is_drawn(name)) {
+            let entry = SAMPLE + 8.0 + width(name, TEXT);
+            if x > MARGIN && x + entry > drawing.width - MARGIN {
+                (x, y) = (MARGIN, y + LINE);
+            }
+            drawing.path(Ink::Line(index), [(x, y), (x + SAMPLE, y)]);
+            drawing.marker(index, (x + 0.5 * SAMPLE, y));
+            drawing.text(Face::Text, (x + SAMPLE + 8.0, y + 0.35 * TEXT), Anchor::Start, name);
+            x += entry + 12.0;
+        }
+        y + 0.5 * LINE
     }
 
     /// The names of the series, each once.
@@ -117,37 +118,17 @@ impl Figure {
 
     /// Whether a series of this name has points.
     fn is_drawn(&self, name: &str) -> bool {
-        let mut series = self.panels.iter().flat_map(|panel| &panel.series);
-        series.any(|series| series.name == name && !series.points.is_empty())
+        self.panels.iter().flat_map(Panel::drawn).any(|series| series.name == name)
     }
 }
-
-impl Point {
-    /// What the y axis must reach.
-    fn ys(&self) -> [f64; 3] {
-        let (low, high) = self.band.unwrap_or((self.y, self.y));
-        [low, self.y, high]
-    }
-}
-
-const WIDTH: f64 = 640.0;
-const MARGIN: f64 = 16.0;
-const TITLE: f64 = 19.0;
-const TEXT: f64 = 16.0;
-/// Height of a line of text.
-const LINE: f64 = 24.0;
-/// Length of a line in the legend.
-const SAMPLE: f64 = 40.0;
-/// Height of the lines of a panel that stands alone, and of one beside another.
-const PANEL_HEIGHTS: [f64; 2] = [260.0, 150.0];
 
 /// An upper estimate of a text's width: fonts differ, and SVG has no way to ask.
-fn width(text: &str, size: f64) -> f64 {
+pub(super) fn width(text: &str, size: f64) -> f64 {
     0.6 * size * text.chars().count() as f64
 }
 
 /// Breaks a text into lines between words.
-fn wrap(text: &str, room: f64, size: f64) -> Vec<String> {
+pub(super) fn wrap(text: &str, room: f64, size: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
         match lines.last_mut() {
@@ -161,154 +142,9 @@ fn wrap(text: &str, room: f64, size: f64) -> Vec<String> {
     lines
 }
 
-/// Where the entries of the legend stand (x, line), and how many lines they take.
-fn flow<'a>(names: impl Iterator<Item = &'a str>) -> (Vec<(f64, usize)>, usize) {
-    let (mut x, mut line) = (MARGIN, 0);
-    let mut places = Vec::new();
-    for name in names {
-        let entry = SAMPLE + 8.0 + width(name, TEXT);
-        if x > MARGIN && x + entry > WIDTH - MARGIN {
-            (x, line) = (MARGIN, line + 1);
-        }
-        places.push((x, line));
-        x += entry + 12.0;
-    }
-    (places, line + 1)
-}
-
-/// Where panels stand, and their axes.
-struct Grid {
-    columns: usize,
-    /// Room for text to the left of each column's lines.
-    gutters: Vec<f64>,
-    /// Left and top of each panel's lines.
-    corners: Vec<(f64, f64)>,
-    axes: Vec<[Axis; 2]>,
-    panel_width: f64,
-    panel_height: f64,
-    bottom: f64,
-    /// Whether each panel's labels of x and y are shown, not those of a neighbour.
-    labelled: Vec<[bool; 2]>,
-}
-
-impl Grid {
-    fn new(panels: &[Panel], columns: usize, top: f64, scales: [Scale; 2]) -> Grid {
-        let axes: Vec<_> = panels.iter().map(|panel| axes(panels, panel, scales)).collect();
-        let labelled: Vec<_> = (0..panels.len())
-            .map(|index| {
-                let below = panels.get(index + columns);
-                let left = (index % columns > 0).then(|| &panels[index - 1]);
-                [
-                    below.is_none_or(|below| below.x_label != panels[index].x_label),
-                    left.is_none_or(|left| left.y_label != panels[index].y_label),
-                ]
-            })
-            .collect();
-        let widest =
-            |[_, y]: &[Axis; 2]| y.ticks.iter().map(|(_, text)| width(text, TEXT)).fold(0.0, f64::max);
-        let gutters: Vec<f64> = (0..columns)
-            .map(|column| {
-                let of_column = || (column..panels.len()).step_by(columns);
-                let label = if of_column().any(|index| labelled[index][1]) { LINE } else { 0.0 };
-                of_column().map(|index| widest(&axes[index])).fold(0.0, f64::max) + label + 8.0
-            })
-            .collect();
-        let gap = 26.0;
-        let room = WIDTH - 2.0 * MARGIN - gutters.iter().sum::<f64>() - gap * columns as f64;
-        let panel_width = room / columns.max(1) as f64;
-        let panel_height = PANEL_HEIGHTS[usize::from(columns > 1)];
-        let lefts: Vec<f64> = (0..columns)
-            .map(|c| MARGIN + gutters[..=c].iter().sum::<f64>() + c as f64 * (panel_width + gap))
-            .collect();
-        let mut corners = Vec::new();
-        let mut y = top;
-        for row in labelled.chunks(columns.max(1)) {
-            y += LINE;
-            corners.extend(lefts.iter().take(row.len()).map(|x| (*x, y)));
-            let label = if row.iter().any(|[x, _]| *x) { LINE } else { 0.0 };
-            y += panel_height + LINE + label + 8.0;
-        }
-        Grid { columns, gutters, corners, axes, panel_width, panel_height, bottom: y + 4.0, labelled }
-    }
-
-    /// Where a value of panel `index` is.
-    fn place(&self, index: usize, x: f64, y: f64) -> (f64, f64) {
-        let (left, top) = self.corners[index];
-        let [x_axis, y_axis] = &self.axes[index];
-        (left + self.panel_width * x_axis.position(x), top + self.panel_height * (1.0 - y_axis.position(y)))
-    }
-
-    fn draw_axes(&self, svg: &mut Svg, index: usize, panel: &Panel) {
-        let (left, top) = self.corners[index];
-        let (right, bottom) = (left + self.panel_width, top + self.panel_height);
-        let [x_axis, y_axis] = &self.axes[index];
-        svg.text("panel", (left, top - 8.0), Anchor::Start, &panel.title);
-        for (value, text) in &y_axis.ticks {
-            let (_, y) = self.place(index, 0.0, *value);
-            svg.path("grid", [(left, y), (right, y)].into_iter(), false);
-            svg.text("text", (left - 8.0, y + 0.35 * TEXT), Anchor::End, text);
-        }
-        for (value, text) in &x_axis.ticks {
-            let (x, _) = self.place(index, *value, 0.0);
-            svg.path("axis", [(x, bottom), (x, bottom + 4.0)].into_iter(), false);
-            svg.text("text", (x, bottom + 20.0), Anchor::Middle, text);
-        }
-        svg.path("axis", [(left, bottom), (right, bottom)].into_iter(), false);
-        let [x_labelled, y_labelled] = self.labelled[index];
-        if x_labelled {
-            svg.text("label", ((left + right) / 2.0, bottom + 20.0 + LINE), Anchor::Middle, &panel.x_label);
-        }
-        if y_labelled {
-            let x = left - self.gutters[index % self.columns] + 0.8 * TEXT;
-            svg.upward_text("label", (x, (top + bottom) / 2.0), &panel.y_label);
-        }
-    }
-
-    fn draw_series(&self, svg: &mut Svg, index: usize, panel: &Panel, names: &[&str]) {
-        let finite = |point: &&Point| {
-            let [x_axis, y_axis] = &self.axes[index];
-            let ys = point.ys().map(|y| y_axis.position(y));
-            x_axis.position(point.x).is_finite() && ys.into_iter().all(f64::is_finite)
-        };
-        let styled = panel.series.iter().map(|series| {
-            let style =
-                names.iter().position(|name| *name == series.name).expect("names are of these series");
-            let points: Vec<&Point> = series.points.iter().filter(finite).collect();
-            (style, points)
-        });
-        for (style, points) in styled.clone() {
-            let bands: Vec<_> = points.iter().filter_map(|point| Some((point.x, point.band?))).collect();
-            let low = bands.iter().map(|(x, (low, _))| self.place(index, *x, *low));
-            let high = bands.iter().rev().map(|(x, (_, high))| self.place(index, *x, *high));
-            if bands.len() > 1 {
-                svg.path(&format!("band b{style}"), low.chain(high), true);
-            }
-        }
-        for (style, points) in styled {
-            let mut places = points.iter().map(|point| self.place(index, point.x, point.y));
-            match points.len() {
-                0 => {}
-                1 => svg.dot(&format!("b{style}"), places.next().expect("there is one")),
-                _ => svg.path(&format!("line s{style}"), places, false),
-            }
-        }
-    }
-}
-
-/// The axes of a panel: of its values and of those it shares the label with.
-fn axes<'a>(panels: &'a [Panel], panel: &Panel, scales: [Scale; 2]) -> [Axis; 2] {
-    let points = |panel: &'a Panel| panel.series.iter().flat_map(|series| &series.points);
-    let x = panels.iter().filter(|other| other.x_label == panel.x_label).flat_map(|panel| {
-        let span = panel.x_span.into_iter().flat_map(|(low, high)| [low, high]);
-        points(panel).map(|point| point.x).chain(span)
-    });
-    let y = panels.iter().filter(|other| other.y_label == panel.y_label).flat_map(points);
-    let [x_scale, y_scale] = scales;
-    [Axis::new(x_scale, x, 4), Axis::new(y_scale, y.flat_map(Point::ys), 5)]
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::panel::{Point, Series};
     use super::*;
 
     fn panel(label: &str, names: &[&str], ys: &[f64]) -> Panel {
@@ -388,6 +224,49 @@ mod tests {
     }
 
     #[test]
+    fn a_range_of_its_own_hides_nothing() {
+        let mut panels = vec![panel("y", &["a"], &[0.0, 1.0]), panel("y", &["a"], &[0.0, 900.0])];
+        panels.iter_mut().for_each(|panel| panel.own_range = true);
+        let svg = figure(panels).to_svg();
+        assert_eq!((svg.matches(">800</text>").count(), svg.matches("rotate(-90)").count()), (1, 1));
+    }
+
+    #[test]
+    fn points_are_marked_where_they_are_few() {
+        let marked = |n: usize| {
+            let svg = figure(vec![panel("y", &["a"], &vec![1.0; n])]).to_svg();
+            svg.matches("class=\"marker b0\"").count()
+        };
+        // One more is in the legend.
+        assert_eq!([marked(1), marked(12), marked(13)], [2, 13, 1]);
+    }
+
+    #[test]
+    fn ticks_stand_at_levels_and_do_not_run_into_each_other() {
+        let mut panel = panel("y", &["a"], &[0.0, 1.0]);
+        panel.x_ticks = vec![1.0, 0.3, 0.305, 0.0];
+        let svg = figure(vec![panel]).to_svg();
+        for (tick, there) in [("0", true), ("0.3", true), ("0.305", false), ("1", true), ("0.5", false)] {
+            assert_eq!(svg.contains(&format!("text-anchor=\"middle\">{tick}</text>")), there, "{tick}");
+        }
+    }
+
+    #[test]
+    fn rows_have_names_beside_them_instead_of_a_legend() {
+        let rows = |names: &[&str]| Panel { form: Form::Rows, ..panel("", names, &[7.0]) };
+        let svg = figure(vec![rows(&["a", "b"]), rows(&["a", "b"])]).to_svg();
+        assert_eq!([">a</text>", ">b</text>"].map(|name| svg.matches(name).count()), [1, 1]);
+        assert_eq!(svg.matches("class=\"bar s1\"").count(), 2);
+        // The second has other rows, so it says which.
+        let svg = figure(vec![rows(&["a", "b"]), rows(&["a"])]).to_svg();
+        assert_eq!(svg.matches(">a</text>").count(), 2);
+        // Names that leave no room for two columns get one.
+        let long = "a name as long as forty characters or so";
+        let svg = figure(vec![rows(&[long]), rows(&[long])]).to_svg();
+        assert_eq!(svg.matches(&format!(">{long}</text>")).count(), 2);
+    }
+
+    #[test]
     fn an_axis_spans_what_it_should() {
         let mut panel = panel("y", &["a"], &[0.0, 1.0, 1.5]);
         panel.x_span = Some((-4.0, 1.0));
@@ -403,6 +282,6 @@ mod tests {
         assert!(svg.contains("&lt;b&gt; &amp; &quot;c&quot;") && !svg.contains("<script"));
         assert_eq!(svg.matches("http").count(), 1, "the name of the format is the only address");
         assert!(svg.contains("prefers-color-scheme:dark"));
-        assert!(svg.contains("<circle"), "one point alone is a dot");
+        assert!(svg.contains("marker b0"), "one point alone is a marker");
     }
 }

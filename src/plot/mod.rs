@@ -1,15 +1,20 @@
 //! Charts as SVG, complete in themselves: no script, no font and no link to anywhere, light or dark as the reader
-//! has it.
+//! has it. Or as PDF for a column of a paper.
 //!
-//! No crate is used: those that draw well fix colours that vanish on one of the two backgrounds, or draw one
-//! panel without bands, and what is needed is a few hundred lines.
+//! No crate draws them: those that draw well fix colours that vanish on one of the two backgrounds, or draw one
+//! panel without bands, and what is needed is a few hundred lines. Those that turn SVG into PDF bring some forty
+//! crates for what a drawing of lines and text does not need.
 
 mod axis;
 mod curves;
+mod drawing;
 mod figure;
+mod grid;
+mod panel;
+mod pdf;
 mod style;
 mod svg;
 
 pub use curves::curves;
-pub use figure::{Figure, Panel, Point, Series};
-pub(crate) use svg::escape;
+pub use figure::Figure;
+pub use panel::{Form, Panel, Point, Series};

@@ -1,80 +1,75 @@
-//! Elements of an SVG document.
+//! A drawing as an SVG document.
 
 use std::fmt::Write;
 
-/// A document being written.
-#[derive(Debug, Default)]
-pub(super) struct Svg {
-    text: String,
+use super::drawing::{Anchor, Drawing, Face, Ink, Shape};
+use super::style::style_sheet;
+
+/// The document. It is as wide as the reader makes it, light or dark as the reader has it.
+pub(super) fn svg(drawing: &Drawing) -> String {
+    let Drawing { title, width, height, n_series, shapes } = drawing;
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"vs\" viewBox=\"0 0 {width} {height:.0}\" role=\"img\">\n\
+         <title>{}</title>\n<style>\n{}</style>\n<rect class=\"paper\" width=\"100%\" height=\"100%\"/>\n",
+        escape(title),
+        style_sheet(*n_series)
+    );
+    for shape in shapes {
+        svg.push_str(&element(shape));
+        svg.push('\n');
+    }
+    svg + "</svg>\n"
 }
 
-/// Which end of a text is at its place.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Anchor {
-    Start,
-    Middle,
-    End,
-}
-
-impl Svg {
-    /// A line of the document as it is.
-    pub(super) fn raw(&mut self, text: &str) {
-        self.text.push_str(text);
-        self.text.push('\n');
-    }
-
-    /// A text at (x, y), its baseline there.
-    pub(super) fn text(&mut self, class: &str, (x, y): (f64, f64), anchor: Anchor, text: &str) {
-        self.raw(&format!(
-            r#"<text class="{class}" x="{x:.1}" y="{y:.1}"{}>{}</text>"#,
-            anchor.attribute(),
-            escape(text)
-        ));
-    }
-
-    /// A text that is read upwards, centred at (x, y).
-    pub(super) fn upward_text(&mut self, class: &str, (x, y): (f64, f64), text: &str) {
-        self.raw(&format!(
-            r#"<text class="{class}" transform="translate({x:.1} {y:.1}) rotate(-90)"{}>{}</text>"#,
-            Anchor::Middle.attribute(),
-            escape(text)
-        ));
-    }
-
-    /// A line through points, closed or not.
-    pub(super) fn path(&mut self, class: &str, points: impl Iterator<Item = (f64, f64)>, closed: bool) {
-        let mut d = String::new();
-        for (index, (x, y)) in points.enumerate() {
-            let command = if index == 0 { 'M' } else { 'L' };
-            write!(d, "{command}{x:.1} {y:.1}").expect("a string takes everything");
+fn element(shape: &Shape) -> String {
+    match shape {
+        Shape::Path { ink, points } => {
+            let mut d = String::new();
+            for (index, (x, y)) in points.iter().enumerate() {
+                let command = if index == 0 { 'M' } else { 'L' };
+                write!(d, "{command}{x:.1} {y:.1}").expect("a string takes everything");
+            }
+            let end = if ink.fills() { "Z" } else { "" };
+            format!(r#"<path class="{}" d="{d}{end}"/>"#, class(*ink))
         }
-        let end = if closed { "Z" } else { "" };
-        self.raw(&format!(r#"<path class="{class}" d="{d}{end}"/>"#));
-    }
-
-    /// A small disc.
-    pub(super) fn dot(&mut self, class: &str, (x, y): (f64, f64)) {
-        self.raw(&format!(r#"<circle class="{class}" cx="{x:.1}" cy="{y:.1}" r="3"/>"#));
-    }
-
-    /// The document.
-    pub(super) fn finish(self) -> String {
-        self.text
+        Shape::Text { face, at: (x, y), anchor, text } => {
+            let class = match face {
+                Face::Text => "text",
+                Face::Panel => "panel",
+                Face::Title => "title",
+            };
+            let anchor = attribute(*anchor);
+            format!(r#"<text class="{class}" x="{x:.1}" y="{y:.1}"{anchor}>{}</text>"#, escape(text))
+        }
+        Shape::UpwardText { at: (x, y), text } => {
+            let anchor = attribute(Anchor::Middle);
+            let turn = format!("translate({x:.1} {y:.1}) rotate(-90)");
+            format!(r#"<text class="text" transform="{turn}"{anchor}>{}</text>"#, escape(text))
+        }
     }
 }
 
-impl Anchor {
-    fn attribute(self) -> &'static str {
-        match self {
-            Anchor::Start => "",
-            Anchor::Middle => r#" text-anchor="middle""#,
-            Anchor::End => r#" text-anchor="end""#,
-        }
+fn class(ink: Ink) -> String {
+    match ink {
+        Ink::Grid => "grid".to_owned(),
+        Ink::Axis => "axis".to_owned(),
+        Ink::Line(series) => format!("line s{series}"),
+        Ink::Bar(series) => format!("bar s{series}"),
+        Ink::Band(series) => format!("band b{series}"),
+        Ink::Marker(series) => format!("marker b{series}"),
+    }
+}
+
+fn attribute(anchor: Anchor) -> &'static str {
+    match anchor {
+        Anchor::Start => "",
+        Anchor::Middle => r#" text-anchor="middle""#,
+        Anchor::End => r#" text-anchor="end""#,
     }
 }
 
 /// Text as it must be written in XML, without the control characters that XML has no way to write.
-pub fn escape(text: &str) -> String {
+fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
         match character {

@@ -104,8 +104,10 @@ impl Arrivals {
         let (agents, steps) = (self.agents, self.overtaken.len());
         // What arrives k steps after the last one and is k steps old then was sent at it.
         for ticks in 1..steps {
-            let then = &mut self.arriving[(self.step - 1 + ticks) % steps * agents * agents..][..agents * agents];
-            for age in then.iter_mut().skip(sender).step_by(agents).filter(|age| usize::from(**age) == ticks) {
+            let then =
+                &mut self.arriving[(self.step - 1 + ticks) % steps * agents * agents..][..agents * agents];
+            for age in then.iter_mut().skip(sender).step_by(agents).filter(|age| usize::from(**age) == ticks)
+            {
                 *age = NOT_ARRIVED;
             }
         }

@@ -72,7 +72,9 @@ impl Chaos {
                 }
                 self.orders.push(Order { agent, event: Event::Return });
             }
-            for (kind, (event, injection)) in [(Event::Kill, kill), (Event::Stop, stop)].into_iter().enumerate() {
+            for (kind, (event, injection)) in
+                [(Event::Kill, kill), (Event::Stop, stop)].into_iter().enumerate()
+            {
                 let meets = |injection: &Injection| draws.at(agent, kind).uniform() < injection.probability;
                 if let Some(injection) = injection.filter(meets) {
                     *absent = injection.ticks(self.tick);

@@ -77,12 +77,18 @@ impl Injection {
             // Adding zero turns -0 into 0.
             Ok(probability) if (0.0..=1.0).contains(&probability) => probability + 0.0,
             _ => {
-                return Err(usage!("`{name}` is {:?}, expected a probability from 0 to 1", probability.trim()));
+                return Err(usage!(
+                    "`{name}` is {:?}, expected a probability from 0 to 1",
+                    probability.trim()
+                ));
             }
         };
         let absence = time.map_or(Ok(usual), |time| {
             parse_duration(time.trim()).filter(|time| !time.is_zero() && *time <= LONGEST).ok_or_else(|| {
-                usage!("`{name}` is for {:?}, expected a time up to {LONGEST:?}, such as 200ms or 1.5s", time.trim())
+                usage!(
+                    "`{name}` is for {:?}, expected a time up to {LONGEST:?}, such as 200ms or 1.5s",
+                    time.trim()
+                )
             })
         })?;
         Ok(Injection { probability, absence })

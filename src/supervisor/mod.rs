@@ -244,7 +244,8 @@ impl Decisions {
     /// same team undisturbed.
     fn check_nobody_late(&self, tick: &Tick) -> Result<()> {
         let place = |at: usize| (at % tick.agents, at / (tick.agents * tick.worlds));
-        let absent = |(sender, agent): (usize, usize)| (self.absent >> sender | self.absent >> agent) & 1 == 1;
+        let absent =
+            |(sender, agent): (usize, usize)| (self.absent >> sender | self.absent >> agent) & 1 == 1;
         // Nothing gets in that did not arrive, so what differs is missing.
         let mut late = (0..self.ages.len()).filter(|at| tick.ages[*at] != self.ages[*at]).map(place);
         match late.find(|place| !absent(*place)) {

@@ -25,7 +25,8 @@ impl Processes {
     /// Loses the agents that have not decided for longer than the deadline, against the clock.
     pub(super) fn lose_silent(&mut self, period: &Period) -> Result<()> {
         // A period that has just been missed is no sign of anything.
-        let longest = self.conduct.deadlines.answer + 2 * Duration::from_nanos(period.ends_ns - period.begins_ns);
+        let longest =
+            self.conduct.deadlines.answer + 2 * Duration::from_nanos(period.ends_ns - period.begins_ns);
         for agent in members_of(self.roster.silent(self.answered, period.ends_ns, longest)) {
             self.lose(agent, Loss::Hung(format!("did not decide for {longest:?}")))?;
         }

@@ -6,9 +6,8 @@ use std::time::{Duration, Instant};
 use crate::base::distribution::Distribution;
 
 /// What a swarm does when an agent dies or hangs.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum OnFailure {
     /// End the swarm.

@@ -90,7 +90,8 @@ impl Session {
     ) -> Result<()> {
         let Session { stage, chaos, decisions } = self;
         let mut muster = |stage: &mut Stage, team: &mut _| {
-            let orders = chaos.as_mut().map_or(&[][..], |chaos| chaos.orders(stage.tick().episode, stage.tick().step));
+            let orders =
+                chaos.as_mut().map_or(&[][..], |chaos| chaos.orders(stage.tick().episode, stage.tick().step));
             stage.draw_links(Team::muster(team, orders)?)
         };
         stage.begin_episodes(end)?;

@@ -243,7 +243,8 @@ impl Run {
             return Ok(());
         }
         let Config { task, seed, .. } = self.config();
-        let svg = plot::curves(&[Metrics::read(&self.folder.metrics())?], &format!("{task}, seed {seed}"))?;
+        let svg = plot::curves(&[Metrics::read(&self.folder.metrics())?], &format!("{task}, seed {seed}"))?
+            .to_svg();
         AtomicFile::write(&self.folder.curves(), svg.as_bytes())
     }
 

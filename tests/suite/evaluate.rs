@@ -155,6 +155,7 @@ fn a_report_is_complete_and_an_interrupted_sweep_goes_on() {
         "error-by-age.svg",
         "errors.csv",
         "marl-eval.json",
+        "modes.svg",
         "report.html",
         "results.json",
         "robustness.svg",

@@ -42,9 +42,13 @@ fn one_run() {
     let said = succeed(&format!("plot {}", folder.display()));
     assert!(said.contains("a/curves.svg: hear-see: 1 run, up to 2000 env steps"), "{said}");
     let chart = read(&folder.join("curves.svg"));
-    for text in
-        ["hear-see: return of tests while training (one run)", "p = 1<", "p = 0.2<", "value-aware", "maro"]
-    {
+    for text in [
+        "hear-see: return of tests while training (one run; axes fit the last nine tenths)",
+        "p = 1<",
+        "p = 0.2<",
+        "value-aware",
+        "maro",
+    ] {
         assert!(chart.contains(text), "`{text}` is not in the chart");
     }
     assert!(!chart.contains("class=\"band"), "one run has no standard deviation");
@@ -63,11 +67,23 @@ fn several_runs() {
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(said.starts_with("wrote curves.svg: hear-see: 3 runs"), "{said}");
     let chart = read(&here.path().join("curves.svg"));
-    assert!(chart.contains("(mean ± std of 3 runs)"));
+    assert!(chart.contains("(mean ± std of 3 runs;"));
     assert_eq!(chart.matches("class=\"band").count(), 4);
     let out = here.path().join("elsewhere.svg");
     succeed(&format!("plot {} {} --out {}", runs[2].display(), runs[0].display(), out.display()));
     assert!(read(&out).contains("of 2 runs"));
+}
+
+#[test]
+fn for_a_paper() {
+    let here = tempfile::tempdir().unwrap();
+    let folder = hear_see(&here, "a", 0.0);
+    let said = succeed(&format!("plot {} --paper", folder.display()));
+    assert!(said.contains("a/curves.pdf: hear-see: 1 run"), "{said}");
+    let chart = std::fs::read(folder.join("curves.pdf")).unwrap();
+    assert!(chart.starts_with(b"%PDF-") && !folder.join("curves.svg").exists());
+    let printed = command(&format!("plot {} --paper --out -", folder.display())).output().unwrap();
+    assert_eq!(printed.stdout, chart);
 }
 
 #[test]

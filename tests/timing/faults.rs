@@ -10,7 +10,8 @@ use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::{LinkSpec, Links};
 use vamaro_swarm::supervisor::{
-    Conduct, Deadlines, Decisions, InProcess, Ledger, Observer, OnFailure, Processes, Session, Stage, Statistics, Team,
+    Conduct, Deadlines, Decisions, InProcess, Ledger, Observer, OnFailure, Processes, Session, Stage,
+    Statistics, Team,
 };
 
 fn json(words: &str) -> Value {
@@ -29,7 +30,9 @@ fn chaos_is_the_same_across_processes_and_within_one() {
     ] {
         let words = format!("spawn {words} --episodes 4 --audit --deadline 60s --json --chaos {CHAOS}");
         let (across, within) = (json(&words), json(&format!("{words} --in-process")));
-        for what in ["return_mean", "delivery_rate", "imputation_rmse", "absent", "chaos", "audit", "delayed_rate"] {
+        for what in
+            ["return_mean", "delivery_rate", "imputation_rmse", "absent", "chaos", "audit", "delayed_rate"]
+        {
             assert_eq!(across[what], within[what], "{what} of {words}");
         }
         assert!(across["absent"].as_u64().unwrap() > 0, "{across}");
@@ -74,7 +77,8 @@ fn start(on_failure: OnFailure, answer: Duration, delays: bool) -> (Processes, S
     let settings = AgentSettings { longest_delay: links.longest_delay(), ..AgentSettings::of(task.spec()) };
     let policy = settings.policy.load(task.spec()).unwrap();
     let deadlines = Deadlines { answer, peers: LONG, ..Deadlines::default() };
-    let conduct = Conduct { on_failure, deadlines, command: Some(common::this_binary()), ..Conduct::default() };
+    let conduct =
+        Conduct { on_failure, deadlines, command: Some(common::this_binary()), ..Conduct::default() };
     (Processes::start(&settings, &policy, conduct).unwrap(), Session::new(task.environment(1), links, 0))
 }
 

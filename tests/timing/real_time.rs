@@ -67,7 +67,9 @@ fn an_agent_that_hangs_holds_nobody_up() {
 fn a_large_team_in_several_worlds_counts_what_it_did() {
     // Three episodes in two worlds at a time: the last one is played alone.
     for (task, agents) in [("spread-xy-4", 4.0), ("spread-blindfold-64", 64.0)] {
-        let words = format!("spawn --task {task} --policy untrained --rate 20 --worlds 2 --episodes 3 --deadline 60s");
+        let words = format!(
+            "spawn --task {task} --policy untrained --rate 20 --worlds 2 --episodes 3 --deadline 60s"
+        );
         let played = json(&format!("{words} --p 0.5 --audit --json"));
         let (clock, audit) = (&played["real_time"], &played["audit"]);
         let number = |value: &Value| value.as_f64().unwrap();

@@ -1,6 +1,6 @@
 //! `summary.csv`, `episodes.csv` and `errors.csv`: rows for spreadsheets and data frames.
 
-use std::fmt::Write;
+use csv::Writer;
 
 use crate::evaluate::{
     AgeErrors, Calibration, CellSummary, Condition, Evaluation, Group, ImputerSummary, Interval, Summary,
@@ -14,32 +14,27 @@ const ERRORS: &str = "task,label,imputer,unit,age,count,rmse,coverage_50,coverag
 
 /// A row per group, imputer and condition.
 pub fn summary(summary: &Summary) -> String {
-    let mut text = format!("{SUMMARY}\n");
-    for group in &summary.groups {
-        for imputer in &group.imputers {
-            for cell in &imputer.cells {
-                text.push_str(&summary_row(group, imputer, cell).join(","));
-                text.push('\n');
-            }
-        }
-    }
-    text
+    let rows = summary.groups.iter().flat_map(|group| {
+        let cells = group.imputers.iter().flat_map(|of| of.cells.iter().map(move |cell| (of, cell)));
+        cells.map(move |(imputer, cell)| summary_row(group, imputer, cell))
+    });
+    table(SUMMARY, rows)
 }
 
 fn summary_row(group: &Group, imputer: &ImputerSummary, cell: &CellSummary) -> Vec<String> {
     let mut row = vec![
-        field(&group.task),
-        field(&group.label),
+        group.task.clone(),
+        group.label.clone(),
         cell.seed_means.len().to_string(),
-        field(&imputer.imputer),
-        condition(&cell.condition),
+        imputer.imputer.clone(),
     ];
     let comparison = cell.comparison.as_ref();
+    row.extend(condition(&cell.condition));
     row.extend(interval(Some(cell.mean)));
     row.extend(interval(Some(cell.iqm)));
     row.push(optional(cell.seed_std));
     row.extend(interval(cell.score));
-    row.push(comparison.and(group.baseline.as_deref()).map_or(String::new(), field));
+    row.push(comparison.and(group.baseline.clone()).unwrap_or_default());
     row.extend(interval(comparison.map(|comparison| comparison.difference)));
     row.push(optional(comparison.map(|comparison| comparison.relative)));
     row.extend(interval(comparison.map(|comparison| comparison.probability_of_improvement)));
@@ -49,42 +44,43 @@ fn summary_row(group: &Group, imputer: &ImputerSummary, cell: &CellSummary) -> V
 
 /// A row per episode of each cell; those of uniform actions have no policy.
 pub fn episodes(evaluation: &Evaluation) -> String {
-    let mut text = format!("{EPISODES}\n");
-    let mut add = |cell: &str, returns: &[f64]| {
-        for (episode, value) in returns.iter().enumerate() {
-            writeln!(text, "{cell},{episode},{value}").expect("a string takes everything");
-        }
-    };
-    for random in &evaluation.random {
-        add(&format!("{},,,,", field(&random.task)), &random.returns);
-    }
-    for cell in &evaluation.cells {
+    let none = String::new;
+    let random = evaluation.random.iter().map(|random| {
+        let cell = [random.task.clone(), none(), none(), none(), none()];
+        (cell, &random.returns)
+    });
+    let played = evaluation.cells.iter().map(|cell| {
         let contender = &evaluation.contenders[cell.contender];
-        let (task, name, imputer) = (field(&contender.task), field(&contender.name), field(&cell.imputer));
-        add(&format!("{task},{name},{imputer},{}", condition(&cell.condition)), &cell.outcome.returns);
-    }
-    text
+        let [name, level] = condition(&cell.condition);
+        let cell_of = [contender.task.clone(), contender.name.clone(), cell.imputer.clone(), name, level];
+        (cell_of, &cell.outcome.returns)
+    });
+    let rows = random.chain(played).flat_map(|(cell, returns)| {
+        let episodes = returns.iter().enumerate();
+        episodes.map(move |(episode, value)| {
+            cell.clone().into_iter().chain([episode.to_string(), value.to_string()]).collect()
+        })
+    });
+    table(EPISODES, rows)
 }
 
 /// A row per group, imputer, unit and age of which there were values.
 pub fn errors(summary: &Summary) -> String {
-    let mut text = format!("{ERRORS}\n");
-    for group in &summary.groups {
-        for imputer in &group.imputers {
-            for errors in &imputer.errors {
-                let cell = [&group.task, &group.label, &imputer.imputer].map(|name| field(name)).join(",");
-                let unit = errors.unit.symbol();
-                for (index, errors) in errors.ages.iter().enumerate().filter(|(_, errors)| errors.count > 0) {
-                    let row = errors_row(errors);
-                    writeln!(text, "{cell},{unit},{},{row}", index + 1).expect("a string takes everything");
-                }
-            }
-        }
-    }
-    text
+    let imputers = summary.groups.iter().flat_map(|group| group.imputers.iter().map(move |of| (group, of)));
+    let units = imputers.flat_map(|(group, of)| of.errors.iter().map(move |errors| (group, of, errors)));
+    let rows = units.flat_map(|(group, of, errors)| {
+        let ages = errors.ages.iter().enumerate().filter(|(_, errors)| errors.count > 0);
+        ages.map(move |(index, at_age)| {
+            let unit = errors.unit.symbol().to_owned();
+            let age = (index + 1).to_string();
+            let names = [group.task.clone(), group.label.clone(), of.imputer.clone(), unit, age];
+            names.into_iter().chain(errors_row(at_age)).collect()
+        })
+    });
+    table(ERRORS, rows)
 }
 
-fn errors_row(errors: &AgeErrors) -> String {
+fn errors_row(errors: &AgeErrors) -> [String; 5] {
     let calibration = errors.calibration;
     let share = |part: fn(&Calibration) -> f64| {
         optional(calibration.map(|stated| part(&stated) / stated.count as f64))
@@ -96,12 +92,21 @@ fn errors_row(errors: &AgeErrors) -> String {
         share(|stated| stated.within_95 as f64),
         share(|stated| stated.z_squared),
     ]
-    .join(",")
+}
+
+/// CSV text: a header and rows.
+fn table(header: &str, rows: impl Iterator<Item = Vec<String>>) -> String {
+    let mut writer = Writer::from_writer(Vec::new());
+    let header = header.split(',').map(str::to_owned).collect();
+    for row in std::iter::once(header).chain(rows) {
+        writer.write_record(&row).expect("memory takes everything, and all rows are as long as the header");
+    }
+    String::from_utf8(writer.into_inner().expect("memory takes everything")).expect("fields are text")
 }
 
 /// A condition in two fields: its name and its level.
-fn condition(condition: &Condition) -> String {
-    format!("{},{}", field(condition.name()), optional(condition.p()))
+fn condition(condition: &Condition) -> [String; 2] {
+    [condition.name().to_owned(), optional(condition.p())]
 }
 
 /// An estimate and the ends of its interval, in three fields.
@@ -115,15 +120,6 @@ fn interval(interval: Option<Interval>) -> [String; 3] {
 /// The shortest decimal text that gives the same f64, or nothing.
 fn optional(value: Option<f64>) -> String {
     value.map_or(String::new(), |value| value.to_string())
-}
-
-/// Text as a field, in quotes where it must be (RFC 4180).
-fn field(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
 }
 
 #[cfg(test)]
@@ -181,7 +177,7 @@ mod tests {
 
     #[test]
     fn names_are_quoted_where_they_must_be() {
-        assert_eq!(field("runs/hs-0"), "runs/hs-0");
-        assert_eq!(field("a,b \"c\"\n"), "\"a,b \"\"c\"\"\n\"");
+        let row = ["runs/hs-0", "a,b \"c\"\n", ""].map(str::to_owned).to_vec();
+        assert_eq!(table("a,b,c", [row].into_iter()), "a,b,c\nruns/hs-0,\"a,b \"\"c\"\"\n\",\n");
     }
 }

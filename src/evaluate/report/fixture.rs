@@ -105,6 +105,14 @@ pub fn forget_baseline(group: &mut Group) {
     cells.for_each(|cell| cell.comparison = None);
 }
 
+/// A group whose policies are no better than random, as far as was played.
+pub fn forget_scores(group: &mut Group) {
+    for imputer in &mut group.imputers {
+        imputer.cells.iter_mut().for_each(|cell| cell.score = None);
+        (imputer.score_area, imputer.p_for_90) = (None, None);
+    }
+}
+
 fn contender_of(task: &str, seed: u64) -> Contender {
     Contender {
         name: format!("runs/{task}-{seed}"),

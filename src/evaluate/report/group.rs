@@ -1,68 +1,131 @@
 //! The part of `report.html` about one group.
 
-use super::html::{Cell, Html, Table};
-use super::{figures, words};
-use crate::evaluate::{CellSummary, Comparison, Group, Interval, Summary, UnitErrors};
+use maud::{Markup, PreEscaped, html};
+
+use super::table::{Cell, Table, on_demand};
+use super::{figures, findings, words};
+use crate::evaluate::{
+    AgeErrors, Calibration, CellSummary, Comparison, Group, ImputerSummary, Interval, Summary,
+};
 use crate::plot::Figure;
 
-/// Figures and tables of a group.
-pub fn group(html: &mut Html, summary: &Summary, group: &Group) {
-    html.element(
-        "p",
-        &format!(
-            "{} ({}); uniformly random actions return {} {}.",
-            words::policies(group.contenders.len()),
-            words::seeds(summary, group),
-            words::number(group.random.value, 1),
-            words::ends(&group.random, 1)
-        ),
-    );
+/// Of fewer policies a standard deviation is a guess, and the ratio of two says nothing.
+const FEWEST_FOR_RATIOS: usize = 3;
+
+/// What was found of a group, figures and tables.
+pub fn group(summary: &Summary, group: &Group) -> Markup {
     let imputers = words::imputers(summary);
     let groups = std::slice::from_ref(group);
-    html.raw("<div class=\"pair\">");
-    figure(html, &figures::robustness(groups, &imputers));
-    figure(html, &figures::difference(groups, &imputers));
-    html.raw("</div>");
-
-    html.element("h3", "Return");
-    let several = group.contenders.len() > 1;
-    let over_policies = if several { "standard deviation over policies, " } else { "" };
-    let caption = format!("Mean return, its 95 % interval, {over_policies}interquartile mean, and score.");
-    html.table(&by_condition(group, caption, |cell| Some(outcome(cell))));
-    let mut cells = group.imputers.iter().flat_map(|imputer| &imputer.cells);
-    let is_compared = cells.any(|cell| cell.comparison.is_some());
-    if let Some(baseline) = group.baseline.as_ref().filter(|_| is_compared) {
-        html.element("h3", &format!("Against {baseline}"));
-        let caption = format!(
-            "Paired difference of return to {baseline}, its 95 % interval, the same as a share, and how often it is \
-             better{}.",
-            if several { "; the ratio of the standard deviations over policies" } else { "" }
-        );
-        html.table(&by_condition(group, caption, |cell| cell.comparison.as_ref().map(compared)));
-    }
-    html.element("h3", "Over all p");
-    html.table(&over_p(group));
-    if !group.losses.is_empty() {
-        html.element("h3", "What the loss is made of");
-        group.losses.iter().for_each(|loss| html.element("p", &words::loss(loss).join(" ")));
-    }
+    let is_alone = summary.groups.len() == 1;
+    let findings = if is_alone { Vec::new() } else { findings::of_group(summary, group) };
     let errors = figures::error_by_age(groups, &imputers);
-    if !errors.panels.is_empty() {
-        html.element("h3", "What was imputed");
-        figure(html, &errors);
-        html.table(&errors_of(group));
+    html! {
+        @if !findings.is_empty() { p { (findings.join(" ")) } }
+        p {
+            (words::policies(group.contenders.len())) " (" (words::seeds(summary, group)) "); uniformly random actions \
+            return " (words::number(group.random.value, 1)) " " (words::ends(&group.random, 1)) "."
+        }
+        div.figures {
+            // Of one group alone it is at the top of the page.
+            @if !is_alone { (figure(&figures::robustness(groups, &imputers))) }
+            (figure(&figures::modes(groups, &imputers)))
+            (figure(&figures::difference(groups, &imputers)))
+        }
+        (outcomes(group))
+        (comparisons(group))
+        h3 { "Over all p" }
+        (over_p(group))
+        @if !group.losses.is_empty() {
+            h3 { "What the loss is made of" }
+            @for loss in &group.losses { p { (words::loss(loss).join(" ")) } }
+        }
+        @if !errors.panels.is_empty() {
+            h3 { "What was imputed" }
+            (figure(&errors))
+            (imputed(group))
+        }
     }
 }
 
 /// A figure, if there is something to see.
-fn figure(html: &mut Html, figure: &Figure) {
-    if !figure.panels.is_empty() {
-        html.raw(&format!("<figure>{}</figure>", figure.to_svg()));
+pub fn figure(figure: &Figure) -> Markup {
+    html! { @if !figure.panels.is_empty() { figure { (PreEscaped(figure.to_svg())) } } }
+}
+
+/// A number of each cell; on demand, what else is known of it.
+fn outcomes(group: &Group) -> Markup {
+    let table =
+        |caption: &str, cell: &dyn Fn(&CellSummary) -> Option<Cell>| by_condition(group, caption, cell);
+    let mean = table("Mean return.", &|cell| Some(Cell::of(words::number(cell.mean.value, 1))));
+    let score =
+        table("Score: 0 is what random actions return, 1 what the same policies return at p = 1.", &|cell| {
+            Some(Cell::of(words::number(cell.score?.value, 2)))
+        });
+    let more = [
+        table("Mean return, 95 % interval.", &|cell| Some(Cell::of(words::ends(&cell.mean, 1)))),
+        table("Score, 95 % interval.", &|cell| Some(Cell::of(words::ends(&cell.score?, 2)))),
+        table("Interquartile mean of the return.", &|cell| Some(Cell::of(words::number(cell.iqm.value, 1)))),
+        table("Standard deviation of the mean return over policies.", &|cell| {
+            Some(Cell::of(words::number(cell.seed_std?, 1)))
+        }),
+    ];
+    html! {
+        h3 { "Return and score" }
+        @for table in [score, mean].into_iter().flatten() { (table.markup()) }
+        (on_demand("Intervals, interquartile means, deviations", &more.into_iter().flatten().collect::<Vec<_>>()))
     }
 }
 
-/// A table with a row per imputer and a column per condition, without those that have nothing to say.
-fn by_condition(group: &Group, caption: String, cell: impl Fn(&CellSummary) -> Option<Cell>) -> Table {
+/// The same of what was compared with a baseline.
+fn comparisons(group: &Group) -> Markup {
+    let table = |caption: &str, cell: &dyn Fn(&Comparison) -> Option<Cell>| {
+        by_condition(group, caption, &|of| cell(of.comparison.as_ref()?))
+    };
+    let Some(baseline) = &group.baseline else { return html! {} };
+    let caption = format!(
+        "Mean difference of return to {baseline}, episode by episode; bold where the 95 % interval leaves out zero."
+    );
+    let Some(difference) = table(&caption, &|comparison| Some(difference(comparison))) else {
+        return html! {};
+    };
+    let more = [
+        table("The difference, 95 % interval.", &|comparison| {
+            Some(Cell::of(words::ends(&comparison.difference, 1)))
+        }),
+        table(&format!("The difference as a share of the mean return with {baseline}."), &|comparison| {
+            Some(Cell::of(format!("{} %", words::signed(100.0 * comparison.relative, 1))))
+        }),
+        table(&format!("Episodes that go better than with {baseline}."), &|comparison| {
+            Some(Cell::of(words::percent(comparison.probability_of_improvement.value, 0)))
+        }),
+        table(
+            &format!(
+                "Standard deviation over {} policies, divided by that with {baseline}: of so few it is rough.",
+                group.contenders.len()
+            ),
+            &|comparison| {
+                let ratio = comparison.std_ratio.filter(|_| group.contenders.len() >= FEWEST_FOR_RATIOS)?;
+                Some(Cell::of(words::number(ratio, 2)))
+            },
+        ),
+    ];
+    html! {
+        h3 { "Against " (baseline) }
+        (difference.markup())
+        (on_demand("Intervals, shares, how often it is better", &more.into_iter().flatten().collect::<Vec<_>>()))
+    }
+}
+
+/// Bold where it is surely a difference, and one that can be read.
+fn difference(comparison: &Comparison) -> Cell {
+    let Interval { value, low, high } = comparison.difference;
+    let is_there = words::number(value, 1) != words::number(0.0, 1);
+    Cell { value: words::signed(value, 1), strong: (low > 0.0 || high < 0.0) && is_there }
+}
+
+/// A table with a row per imputer and a column per condition, without those that have nothing to say; `None` if none
+/// has.
+fn by_condition(group: &Group, caption: &str, cell: &dyn Fn(&CellSummary) -> Option<Cell>) -> Option<Table> {
     let says = |at: &usize| group.imputers.iter().any(|imputer| cell(&imputer.cells[*at]).is_some());
     let conditions = words::conditions(group);
     let columns: Vec<usize> = (0..conditions.len()).filter(says).collect();
@@ -70,87 +133,134 @@ fn by_condition(group: &Group, caption: String, cell: impl Fn(&CellSummary) -> O
     let rows = group.imputers.iter().filter_map(|imputer| {
         let cells: Vec<Option<Cell>> = columns.iter().map(|at| cell(&imputer.cells[*at])).collect();
         let says = cells.iter().any(Option::is_some);
-        let cells = cells.into_iter().map(|cell| cell.unwrap_or_else(|| Cell::of("-")));
+        let cells = cells.into_iter().map(|cell| cell.unwrap_or_else(Cell::none));
         says.then(|| (words::played(group, imputer), cells.collect()))
     });
-    Table {
-        caption,
+    (!columns.is_empty()).then(|| Table {
+        caption: caption.to_owned(),
         columns: std::iter::once("imputer".to_owned()).chain(names).collect(),
         rows: rows.collect(),
-    }
+    })
 }
 
-fn outcome(cell: &CellSummary) -> Cell {
-    let mut notes = vec![words::ends(&cell.mean, 1)];
-    notes.extend(cell.seed_std.map(|std| format!("std {}", words::number(std, 1))));
-    notes.push(format!("IQM {}", words::number(cell.iqm.value, 1)));
-    notes.extend(cell.score.map(|score| format!("score {}", words::number(score.value, 2))));
-    Cell { value: words::number(cell.mean.value, 1), notes, strong: false }
-}
-
-fn compared(comparison: &Comparison) -> Cell {
-    let Comparison { difference, relative, probability_of_improvement, std_ratio } = comparison;
-    let mut notes = vec![
-        words::ends(difference, 1),
-        format!("{} %", words::signed(100.0 * relative, 1)),
-        format!("better in {}", words::percent(probability_of_improvement.value, 0)),
-    ];
-    notes.extend(std_ratio.map(|ratio| format!("std ratio {}", words::number(ratio, 2))));
-    let strong = difference.low > 0.0 || difference.high < 0.0;
-    Cell { value: words::signed(difference.value, 1), notes, strong }
-}
-
-fn over_p(group: &Group) -> Table {
-    let columns = ["imputer", "return area", "score area", "p for 90 %"];
-    let rows = group.imputers.iter().map(|imputer| {
-        let p_for_90 = imputer
-            .p_for_90
-            .map_or(Cell::of("-"), |p| Cell { value: words::p_for_90(imputer, &p), ..estimate(Some(p), 2) });
-        let cells = [estimate(imputer.return_area, 1), estimate(imputer.score_area, 3), p_for_90];
-        (words::played(group, imputer), cells.to_vec())
-    });
-    Table {
-        caption: "What the curves come to, with 95 % intervals.".to_owned(),
-        columns: columns.map(str::to_owned).to_vec(),
-        rows: rows.collect(),
-    }
-}
-
-fn estimate(interval: Option<Interval>, decimals: usize) -> Cell {
-    let Some(interval) = interval else { return Cell::of("-") };
-    let notes = vec![words::ends(&interval, decimals)];
-    Cell { value: words::number(interval.value, decimals), notes, strong: false }
-}
-
-/// Errors at some ages, and how they compare with what predictors said of them.
-fn errors_of(group: &Group) -> Table {
-    let columns = ["imputer", "unit", "after 1 step", "after 5 steps", "all"];
-    let cells = |errors: &UnitErrors| {
-        let at = |age: usize| errors.ages.get(age - 1).copied().unwrap_or_default();
-        let errors_at = [at(1), at(5), words::all_ages(errors)];
-        let cells = errors_at.map(|errors| {
-            let Some(rmse) = errors.rmse() else { return Cell::of("-") };
-            let notes = errors.calibration.map_or(Vec::new(), |stated| {
-                let share = |part: u64| part as f64 / stated.count as f64;
-                vec![
-                    format!("{} in 50 %", words::percent(share(stated.within_50), 1)),
-                    format!("{} in 95 %", words::percent(share(stated.within_95), 1)),
-                    format!("z^2 {}", words::number(stated.z_squared / stated.count as f64, 2)),
-                ]
-            });
-            Cell { value: words::number(rmse, 4), notes, strong: false }
-        });
-        [&[Cell::of(words::unit(errors.unit))], &cells[..]].concat()
+/// What the curves over p come to.
+fn over_p(group: &Group) -> Markup {
+    let table = |caption: &str, cells: &dyn Fn(&ImputerSummary) -> [Option<String>; 3]| Table {
+        caption: caption.to_owned(),
+        columns: ["imputer", "area under the return", "area under the score", "p for 90 % of the score"]
+            .map(str::to_owned)
+            .to_vec(),
+        rows: group
+            .imputers
+            .iter()
+            .map(|imputer| {
+                let cells = cells(imputer).map(|cell| cell.map_or_else(Cell::none, Cell::of));
+                (words::played(group, imputer), cells.to_vec())
+            })
+            .collect(),
     };
-    let rows = group.imputers.iter().flat_map(|imputer| {
-        let errors = imputer.errors.iter().filter(|errors| words::all_ages(errors).count > 0);
-        errors.map(|errors| (words::played(group, imputer), cells(errors)))
+    let number = |estimate: Option<Interval>, decimals| Some(words::number(estimate?.value, decimals));
+    let ends = |estimate: Option<Interval>, decimals| Some(words::ends(&estimate?, decimals));
+    let values = table("What the curves over p come to.", &|imputer| {
+        let p_for_90 = imputer.p_for_90.map(|p| words::p_for_90(imputer, &p));
+        [number(imputer.return_area, 1), number(imputer.score_area, 3), p_for_90]
     });
-    Table {
-        caption: "RMSE of values last received so many steps ago; for predictors that say how sure they are, the share \
-                  of true values in the 50 % and 95 % intervals they stated."
-            .to_owned(),
-        columns: columns.map(str::to_owned).to_vec(),
-        rows: rows.collect(),
+    let intervals = table("The same, 95 % intervals.", &|imputer| {
+        [ends(imputer.return_area, 1), ends(imputer.score_area, 3), ends(imputer.p_for_90, 2)]
+    });
+    html! { (values.markup()) (on_demand("Intervals", &[intervals])) }
+}
+
+/// Errors at some ages; on demand, how they compare with what predictors said of them.
+fn imputed(group: &Group) -> Markup {
+    let table = |caption: &str, cell: &dyn Fn(&AgeErrors) -> Option<Cell>| {
+        let rows = group.imputers.iter().flat_map(|imputer| {
+            let errors = imputer.errors.iter().filter(|errors| words::all_ages(errors).count > 0);
+            errors.filter_map(|errors| {
+                let at = |age: usize| errors.ages.get(age - 1).copied().unwrap_or_default();
+                let cells = [at(1), at(5), words::all_ages(errors)].map(|errors| cell(&errors));
+                let says = cells.iter().any(Option::is_some);
+                let cells = cells.map(|cell| cell.unwrap_or_else(Cell::none));
+                let unit = Cell::of(words::unit(errors.unit));
+                says.then(|| (words::played(group, imputer), [&[unit], &cells[..]].concat()))
+            })
+        });
+        Table {
+            caption: caption.to_owned(),
+            columns: ["imputer", "unit", "after 1 step", "after 5 steps", "all"].map(str::to_owned).to_vec(),
+            rows: rows.collect(),
+        }
+    };
+    let stated = |caption: &str, value: &dyn Fn(&Calibration) -> String| {
+        table(caption, &|errors| Some(Cell::of(value(errors.calibration.as_ref()?))))
+    };
+    let share = |part: u64, stated: &Calibration| words::percent(part as f64 / stated.count as f64, 1);
+    let more = [
+        stated("True values within the 50 % interval that the predictor stated.", &|of| {
+            share(of.within_50, of)
+        }),
+        stated("True values within the 95 % interval that it stated.", &|of| share(of.within_95, of)),
+        stated(
+            "Mean of the squared error in units of the standard deviation that it stated; 1 is right.",
+            &|of| words::number(of.z_squared / of.count as f64, 2),
+        ),
+    ];
+    let more: Vec<Table> = more.into_iter().filter(|table| !table.rows.is_empty()).collect();
+    html! {
+        (table("RMSE of values last received so many steps ago.", &|errors| {
+            Some(Cell::of(words::number(errors.rmse()?, 4)))
+        }).markup())
+        (on_demand("How sure predictors are, and may be", &more))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture;
+    use super::*;
+
+    fn text(summary: &Summary) -> String {
+        group(summary, &summary.groups[0]).into_string()
+    }
+
+    #[test]
+    fn what_rounds_to_nothing_is_not_bold() {
+        let of = |value: f64, low: f64, high: f64| {
+            let (_, summary) = fixture::two_tasks();
+            let comparison = summary.groups[0].imputers[0].cells[1].comparison.unwrap();
+            difference(&Comparison { difference: Interval { value, low, high }, ..comparison })
+        };
+        let strong = |value: &str| Cell { value: value.to_owned(), strong: true };
+        assert_eq!(of(0.04, 0.01, 0.07), Cell::of("0.0"));
+        assert_eq!(of(-0.04, -0.07, -0.01), Cell::of("0.0"));
+        assert_eq!([of(0.06, 0.01, 0.09), of(-3.0, -4.0, -2.0)], ["+0.1", "-3.0"].map(strong));
+        assert_eq!(of(3.0, -1.0, 7.0), Cell::of("+3.0"));
+    }
+
+    #[test]
+    fn a_cell_has_one_number_and_intervals_are_on_demand() {
+        let (_, summary) = fixture::two_tasks();
+        let text = text(&summary);
+        let (shown, on_demand): (Vec<&str>, Vec<&str>) = {
+            let parts = || text.split("<details>");
+            let shown = parts().map(|part| part.rsplit("</details>").next().unwrap());
+            let hidden = parts().skip(1).map(|part| part.split("</details>").next().unwrap());
+            (shown.collect(), hidden.collect())
+        };
+        let interval = words::ends(&summary.groups[0].imputers[0].cells[1].mean, 1);
+        assert!(on_demand.concat().contains(&format!("<td>{interval}</td>")));
+        for cell in shown.concat().split("<td>").skip(1).map(|cell| cell.split("</td>").next().unwrap()) {
+            let words = cell.replace("<strong>", "").replace("</strong>", "");
+            let is_number = words.parse::<f64>().is_ok();
+            assert!(is_number || ["-", "m", "m/s"].contains(&&words[..]), "{words}");
+        }
+    }
+
+    #[test]
+    fn deviations_of_two_policies_have_no_ratio() {
+        let (_, mut summary) = fixture::two_tasks();
+        assert!(text(&summary).contains("Standard deviation over 3 policies, divided by that with maro"));
+        summary.groups.remove(0);
+        assert!(!text(&summary).contains("divided by"), "two policies");
     }
 }

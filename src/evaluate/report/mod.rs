@@ -4,13 +4,14 @@
 
 mod csv;
 mod figures;
+mod findings;
 mod group;
-mod html;
 mod markdown;
 mod marl_eval;
 mod notes;
 mod page;
 mod results;
+mod table;
 mod text;
 mod words;
 
@@ -42,8 +43,8 @@ pub struct Provenance {
 }
 
 /// Writes an evaluation into a folder that exists: `report.html`, `results.json`, `marl-eval.json`, `summary.csv`,
-/// `episodes.csv`, `errors.csv`, `table.md`, and those of `robustness.svg`, `difference.svg` and `error-by-age.svg` that
-/// have something to show. Returns where they are.
+/// `episodes.csv`, `errors.csv`, `table.md`, and those of `robustness.svg`, `modes.svg`, `difference.svg` and
+/// `error-by-age.svg` that have something to show; for a paper the same as PDF. Returns where they are.
 ///
 /// # Errors
 /// [`Error::Failed`] if a file cannot be written; those before it are complete.
@@ -52,30 +53,39 @@ pub fn write(
     evaluation: &Evaluation,
     summary: &Summary,
     provenance: &Provenance,
+    paper: bool,
 ) -> Result<Vec<PathBuf>> {
     let imputers = words::imputers(summary);
     let figures = [
-        ("robustness.svg", figures::robustness(&summary.groups, &imputers)),
-        ("difference.svg", figures::difference(&summary.groups, &imputers)),
-        ("error-by-age.svg", figures::error_by_age(&summary.groups, &imputers)),
+        ("robustness", figures::robustness(&summary.groups, &imputers)),
+        ("modes", figures::modes(&summary.groups, &imputers)),
+        ("difference", figures::difference(&summary.groups, &imputers)),
+        ("error-by-age", figures::error_by_age(&summary.groups, &imputers)),
     ];
     let mut written = Vec::new();
-    let mut write = |name: &str, content: String| {
+    let mut write = |name: &str, content: Vec<u8>| {
         let path = folder.join(name);
-        AtomicFile::write(&path, content.as_bytes())?;
+        AtomicFile::write(&path, &content)?;
         written.push(path);
         Ok(())
     };
     // One after the other: those with all episodes are large.
-    write("report.html", page::page(summary, provenance))?;
-    write("results.json", results::results(summary, provenance))?;
-    write("marl-eval.json", marl_eval::marl_eval(evaluation, summary))?;
-    write("summary.csv", csv::summary(summary))?;
-    write("episodes.csv", csv::episodes(evaluation))?;
-    write("errors.csv", csv::errors(summary))?;
-    write("table.md", markdown::tables(summary))?;
+    write("report.html", page::page(summary, provenance).into_bytes())?;
+    write("results.json", results::results(summary, provenance).into_bytes())?;
+    write("marl-eval.json", marl_eval::marl_eval(evaluation, summary).into_bytes())?;
+    write("summary.csv", csv::summary(summary).into_bytes())?;
+    write("episodes.csv", csv::episodes(evaluation).into_bytes())?;
+    write("errors.csv", csv::errors(summary).into_bytes())?;
+    write("table.md", markdown::tables(summary).into_bytes())?;
     for (name, figure) in figures {
-        if !figure.panels.is_empty() { write(name, figure.to_svg())? } else { remove(&folder.join(name))? }
+        let [svg, pdf] = ["svg", "pdf"].map(|format| format!("{name}.{format}"));
+        let shows = !figure.panels.is_empty();
+        if shows {
+            write(&svg, figure.to_svg().into_bytes())?
+        } else {
+            remove(&folder.join(svg))?
+        }
+        if shows && paper { write(&pdf, figure.to_pdf())? } else { remove(&folder.join(pdf))? }
     }
     Ok(written)
 }
@@ -98,13 +108,13 @@ mod tests {
     fn all_files_are_written_whole() {
         let (evaluation, summary) = fixture::two_tasks();
         let folder = tempfile::tempdir().unwrap();
-        let files = write(folder.path(), &evaluation, &summary, &fixture::provenance()).unwrap();
+        let files = write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
         let mut there: Vec<PathBuf> =
             std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
         let mut said = files.clone();
         there.sort();
         said.sort();
-        assert_eq!((said, files.len()), (there, 10));
+        assert_eq!((said, files.len()), (there, 11));
         let docs = include_str!("../../../docs/formats.md");
         for file in files {
             let name = file.file_name().unwrap().to_str().unwrap().to_owned();
@@ -145,7 +155,7 @@ mod tests {
         }
         let [page, table, _] = readings(&summary);
         assert!(
-            page.contains("<th scope=\"row\">hear-see, p = 0.2</th>\n<td>10.4 %</td>\n<td>50.0 %</td>"),
+            page.contains("<th scope=\"row\">hear-see, p = 0.2</th><td>10.4 %</td><td>50.0 %</td>"),
             "{page}"
         );
         assert!(
@@ -178,14 +188,56 @@ mod tests {
     }
 
     #[test]
+    fn figures_for_a_paper_are_beside_the_others_and_go_with_them() {
+        let (evaluation, summary) = fixture::two_tasks();
+        let folder = tempfile::tempdir().unwrap();
+        let write =
+            |paper| write(folder.path(), &evaluation, &summary, &fixture::provenance(), paper).unwrap();
+        let files = write(true);
+        for name in ["robustness", "modes", "difference", "error-by-age"] {
+            let figure = folder.path().join(format!("{name}.pdf"));
+            assert!(files.contains(&figure) && std::fs::read(figure).unwrap().starts_with(b"%PDF-"));
+        }
+        write(false);
+        assert!(!folder.path().join("robustness.pdf").exists(), "that of an earlier evaluation is gone");
+    }
+
+    /// Runs the recipe of the docs, if there is a Python with pandas.
+    #[test]
+    fn pandas_finds_the_same_means_and_differences() {
+        let python = |code: &str, folder: &Path| {
+            std::process::Command::new("python3").args(["-c", code]).current_dir(folder).output()
+        };
+        let folder = tempfile::tempdir().unwrap();
+        if !python("import pandas", folder.path()).is_ok_and(|output| output.status.success()) {
+            eprintln!("skipped: there is no Python with pandas");
+            return;
+        }
+        let (evaluation, summary) = fixture::two_tasks();
+        write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
+        let docs = include_str!("../../../docs/formats.md");
+        let recipe = docs.split("```python\n").find(|part| part.starts_with("import pandas")).unwrap();
+        let output = python(recipe.split("```").next().unwrap(), folder.path()).unwrap();
+        let words = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let cell = &summary.groups[0].imputers[0].cells[1];
+        let difference = cell.comparison.unwrap().difference.value;
+        for number in [cell.mean.value, cell.seed_std.unwrap(), difference] {
+            assert!(words.contains(&format!("{number:.6}")), "{number} is not in {words}");
+        }
+    }
+
+    #[test]
     fn what_has_nothing_to_show_is_not_written() {
         let (evaluation, mut summary) = fixture::two_tasks();
         let folder = tempfile::tempdir().unwrap();
-        write(folder.path(), &evaluation, &summary, &fixture::provenance()).unwrap();
+        write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
         summary.groups.iter_mut().for_each(fixture::forget_baseline);
-        let files = write(folder.path(), &evaluation, &summary, &fixture::provenance()).unwrap();
-        assert!(!files.contains(&folder.path().join("difference.svg")) && files.len() == 9);
+        let files = write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
+        assert!(!files.contains(&folder.path().join("difference.svg")) && files.len() == 10);
         assert!(!folder.path().join("difference.svg").exists(), "that of an earlier evaluation is gone");
-        assert!(write(&folder.path().join("none"), &evaluation, &summary, &fixture::provenance()).is_err());
+        assert!(
+            write(&folder.path().join("none"), &evaluation, &summary, &fixture::provenance(), false).is_err()
+        );
     }
 }

@@ -19,12 +19,12 @@ pub const STATISTICS: &[(&str, &str)] = &[
     ),
     (
         "95 % interval",
-        "In brackets, and the bands of figures: a bootstrap over episodes, the same resampled ones for all cells. It says \
+        "The bands and bars of figures, and what is in brackets: a bootstrap over episodes, the same resampled ones for all cells. It says \
          how sure we are about these policies, had other episodes been played, and nothing about policies from other \
-         training runs; for that there is std.",
+         training runs; for that there is the standard deviation over policies.",
     ),
     (
-        "std",
+        "standard deviation over policies",
         "The unbiased standard deviation of the policies' mean returns: how much the seed of training matters.",
     ),
     (
@@ -36,16 +36,17 @@ pub const STATISTICS: &[(&str, &str)] = &[
         "difference",
         "The return of an episode minus that of the same episode with the baseline: the same policy, initial \
          state, and draws of actions and links. Positive is better than the baseline; the percentage is of the size \
-         of the baseline's mean return. Bold where the interval leaves out zero.",
+         of the baseline's mean return. Bold where the interval leaves out zero and the difference does not round to it.",
     ),
     (
-        "better in",
+        "episodes that go better",
         "The probability of improvement: the share of episodes that go better than with the baseline, ties counting \
          half. At 50 % neither is better.",
     ),
     (
-        "std ratio",
-        "The standard deviation over policies, divided by the baseline's: below 1, seeds matter less.",
+        "ratio of standard deviations",
+        "The standard deviation over policies, divided by the baseline's: below 1, seeds matter less. Of a few policies \
+         it is rough; of two it says nothing, and is left out here.",
     ),
     ("area", "The area under the curve over p, divided by the width of the levels: a mean over p."),
     (
@@ -63,10 +64,10 @@ pub const STATISTICS: &[(&str, &str)] = &[
          receivers, episodes and levels below 1, apart for each unit.",
     ),
     (
-        "in 50 %, in 95 %",
+        "within the 50 % and the 95 % interval",
         "A learned predictor states how sure it is. The share of true values within the central 50 % and 95 % \
-         intervals that it stated should be 50 % and 95 %; less means that it is surer than it may be. z^2 \
-         is the mean of the squared error in units of the stated standard deviation, and should be 1.",
+         intervals that it stated should be 50 % and 95 %; less means that it is surer than it may be. The mean \
+         of the squared error in units of the stated standard deviation should be 1.",
     ),
 ];
 

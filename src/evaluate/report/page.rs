@@ -1,154 +1,143 @@
 //! `report.html`: everything on one page, without links or scripts.
 
-use super::html::{Cell, Html, Table};
-use super::{Provenance, group, notes, words};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::group::{figure, group};
+use super::table::{Cell, Table, on_demand};
+use super::{Provenance, figures, findings, notes, words};
 use crate::evaluate::grouping::distinct;
 use crate::evaluate::{Aggregate, Claims, Condition, Settings, Summary};
-use crate::plot::escape;
 
 /// The page.
 pub fn page(summary: &Summary, provenance: &Provenance) -> String {
     let tasks = distinct(summary.groups.iter().map(|group| &group.task[..]));
     let title = format!("Robustness to lossy links: {}", tasks.join(", "));
-    let mut html = Html::default();
-    html.raw("<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">");
-    html.raw("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">");
-    html.element("title", &title);
-    html.raw(&format!("<style>\n{}</style>\n</head>\n<body>\n<main>", include_str!("page.css")));
-    html.element("h1", &title);
-    introduction(&mut html, summary, provenance);
-    for (index, group) in summary.groups.iter().enumerate() {
-        section(&mut html, &format!("group-{index}"), &words::group(group));
-        group::group(&mut html, summary, group);
-    }
-    if !summary.aggregates.is_empty() {
-        section(&mut html, "aggregates", "Over tasks");
-        aggregates(&mut html, summary);
-    }
-    if !summary.claims.is_empty() {
-        section(&mut html, "claims", "The paper's claims");
-        summary.claims.iter().for_each(|claims| html.table(&claimed(claims)));
-    }
-    section(&mut html, "policies", "Policies");
-    policies(&mut html, summary);
-    section(&mut html, "notes", "What the numbers mean");
-    definitions(&mut html, summary);
-    section(&mut html, "made", "How it was made");
-    made(&mut html, provenance);
-    html.raw("</main>\n</body>\n</html>");
-    html.finish()
-}
-
-fn section(html: &mut Html, id: &str, heading: &str) {
-    html.raw(&format!("<h2 id=\"{id}\">{}</h2>", escape(heading)));
-}
-
-fn introduction(html: &mut Html, summary: &Summary, provenance: &Provenance) {
-    let Settings { episodes, seed, greedy, comm_at_t0, physics } = summary.settings;
-    html.element(
-        "p",
-        "What frozen policies still bring in while the links between their agents lose observations, and an imputer \
-         stands in for what is lost. All policies of a task were played from the same initial states with the same \
-         draws of actions and links, whatever the condition and the imputer, so that differences are paired.",
-    );
-    let conditions = distinct(summary.groups.iter().flat_map(words::conditions));
-    let conditions: Vec<String> = conditions.into_iter().map(words::condition).collect();
-    let settings = [
-        ("policies", words::policies(summary.contenders.len())),
-        ("conditions", conditions.join(", ")),
-        ("imputers", words::imputers(summary).join(", ")),
-        ("episodes", format!("{episodes} of each policy, condition and imputer; seed {seed}")),
-        ("actions", if greedy { "the most probable" } else { "sampled from the policy" }.to_owned()),
-        (
-            "at t = 0",
-            if comm_at_t0 { "everything is delivered" } else { "links lose as they do later" }.to_owned(),
-        ),
-        ("physics", physics.to_string()),
-        ("made", format!("{} by {}", provenance.date, provenance.program)),
-    ];
-    html.list(settings.map(|(term, value)| (term.to_owned(), value)));
-    html.raw("<nav aria-label=\"Contents\"><ul>");
     let groups = summary.groups.iter().enumerate();
-    let groups = groups.map(|(index, group)| (format!("group-{index}"), words::group(group)));
-    let over_tasks = (!summary.aggregates.is_empty()).then_some(("aggregates", "Over tasks"));
-    let rest = [("policies", "Policies"), ("notes", "What the numbers mean"), ("made", "How it was made")];
-    let claims = (!summary.claims.is_empty()).then_some(("claims", "The paper's claims"));
-    let rest =
-        over_tasks.into_iter().chain(claims).chain(rest).map(|(id, text)| (id.to_owned(), text.to_owned()));
-    for (id, text) in groups.chain(rest) {
-        html.raw(&format!("<li><a href=\"#{id}\">{}</a></li>", escape(&text)));
-    }
-    html.raw("</ul></nav>");
+    let groups = groups.map(|(index, of)| (format!("group-{index}"), words::group(of), group(summary, of)));
+    let rest = [
+        (!summary.aggregates.is_empty()).then(|| ("aggregates", "Over tasks", aggregates(summary))),
+        (!summary.claims.is_empty()).then(|| ("claims", "The paper's claims", claims(summary))),
+        Some(("policies", "Policies", policies(summary))),
+        Some(("notes", "What the numbers mean", definitions(summary))),
+        Some(("made", "How it was played", made(summary, provenance))),
+    ];
+    let rest = rest.into_iter().flatten();
+    let rest = rest.map(|(id, heading, content)| (id.to_owned(), heading.to_owned(), content));
+    let sections: Vec<(String, String, Markup)> = groups.chain(rest).collect();
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { (title) }
+                style { (PreEscaped(include_str!("page.css"))) }
+            }
+            body {
+                main {
+                    h1 { (title) }
+                    (opening(summary))
+                    nav aria-label="Contents" {
+                        ul { @for (id, heading, _) in &sections { li { a href={ "#" (id) } { (heading) } } } }
+                    }
+                    @for (id, heading, content) in &sections { h2 id=(id) { (heading) } (content) }
+                }
+            }
+        }
+    };
+    page.into_string() + "\n"
 }
 
-fn aggregates(html: &mut Html, summary: &Summary) {
-    html.element(
-        "p",
-        "Scores of all policies of several tasks, after Agarwal et al. (2021). Here intervals resample policies within \
-         each task, not episodes: with three policies a task they are rough, too narrow rather than too wide, and a \
-         task with one policy does not vary at all.",
-    );
+/// What was found, then the figure.
+fn opening(summary: &Summary) -> Markup {
+    let robustness = figures::robustness(&summary.groups, &words::imputers(summary));
+    html! {
+        @for finding in findings::findings(summary) { p.finding { (finding) } }
+        (figure(&robustness))
+        @if summary.groups.iter().any(words::has_scores) {
+            p.caption { "Score: 0 is what uniformly random actions return, 1 what the same policies return at p = 1, \
+                where everything is delivered." }
+        }
+    }
+}
+
+fn aggregates(summary: &Summary) -> Markup {
     let labels = distinct(summary.aggregates.iter().map(|aggregate| &aggregate.label[..]));
-    for label in labels {
-        let of_label: Vec<&Aggregate> =
-            summary.aggregates.iter().filter(|aggregate| aggregate.label == label).collect();
-        html.table(&over_tasks(label, &of_label));
+    html! {
+        p {
+            "Scores of all policies of several tasks, after Agarwal et al. (2021). Here intervals resample policies \
+            within each task, not episodes: with three policies a task they are rough, too narrow rather than too wide, \
+            and a task with one policy does not vary at all."
+        }
+        @for label in labels {
+            @let of_label: Vec<&Aggregate> = summary.aggregates.iter().filter(|of| of.label == label).collect();
+            (over_tasks(label, &of_label))
+        }
     }
 }
 
 /// A row per imputer, a column per condition.
-fn over_tasks(label: &str, aggregates: &[&Aggregate]) -> Table {
+fn over_tasks(label: &str, aggregates: &[&Aggregate]) -> Markup {
     let conditions = distinct(aggregates.iter().map(|aggregate| &aggregate.condition));
     let imputers = distinct(aggregates.iter().map(|aggregate| &aggregate.imputer[..]));
-    let row = |imputer: &&str| {
-        let cell = |condition: &&Condition| {
-            let found = aggregates.iter().find(|a| a.imputer == *imputer && a.condition == **condition);
-            let Some(aggregate) = found else { return Cell::of("-") };
-            let Aggregate { mean, iqm, .. } = aggregate;
-            let mean = [format!("mean {}", words::number(mean.value, 2)), words::ends(mean, 2)];
-            let notes = std::iter::once(words::ends(iqm, 2)).chain(mean).collect();
-            Cell { value: words::number(iqm.value, 2), notes, strong: false }
+    let table = |caption: String, value: &dyn Fn(&Aggregate) -> String| {
+        let row = |imputer: &&str| {
+            let of = |condition: &Condition| {
+                aggregates.iter().find(|of| of.imputer == *imputer && of.condition == *condition)
+            };
+            let any = conditions.iter().copied().find_map(of).expect("the imputer is of these aggregates");
+            let counts = [any.tasks.len(), any.runs].map(|n| Cell::of(n.to_string()));
+            let cell =
+                |condition: &&Condition| of(condition).map_or_else(Cell::none, |of| Cell::of(value(of)));
+            ((*imputer).to_owned(), counts.into_iter().chain(conditions.iter().map(cell)).collect())
         };
-        let of = aggregates.iter().find(|aggregate| aggregate.imputer == *imputer);
-        let of = of.map(|a| Cell {
-            notes: vec![format!("{} tasks", a.tasks.len())],
-            ..Cell::of(a.runs.to_string())
-        });
-        let cells = of.into_iter().chain(conditions.iter().map(cell));
-        ((*imputer).to_owned(), cells.collect())
+        let columns = ["imputer", "tasks", "policies"].map(str::to_owned).into_iter();
+        Table {
+            caption,
+            columns: columns.chain(conditions.iter().map(|condition| words::condition(condition))).collect(),
+            rows: imputers.iter().map(row).collect(),
+        }
     };
-    let columns = ["imputer", "policies"].map(str::to_owned).into_iter();
-    Table {
-        caption: format!(
-            "{label}: interquartile mean of the scores and its 95 % interval; below, the mean over tasks. Tasks: {}.",
-            distinct(aggregates.iter().flat_map(|aggregate| &aggregate.tasks))
-                .into_iter()
-                .cloned()
-                .collect::<Vec<_>>()
-                .join(", ")
-        ),
-        columns: columns.chain(conditions.iter().map(|condition| words::condition(condition))).collect(),
-        rows: imputers.iter().map(row).collect(),
+    let tasks = distinct(aggregates.iter().flat_map(|aggregate| &aggregate.tasks));
+    let tasks = tasks.into_iter().cloned().collect::<Vec<_>>().join(", ");
+    let caption = format!("{label}: interquartile mean of the scores. Tasks: {tasks}.");
+    let more = [
+        table("Its 95 % interval.".to_owned(), &|of| words::ends(&of.iqm, 2)),
+        table("Mean over tasks of the mean score.".to_owned(), &|of| words::number(of.mean.value, 2)),
+        table("Its 95 % interval.".to_owned(), &|of| words::ends(&of.mean, 2)),
+    ];
+    html! {
+        (table(caption, &|of| words::number(of.iqm.value, 2)).markup())
+        (on_demand("Intervals, and means over tasks", &more))
     }
 }
 
 /// Cell by cell and in the mean.
-fn claimed(claims: &Claims) -> Table {
+fn claims(summary: &Summary) -> Markup {
     let row = |heading: String, improvement, std_reduction| {
         (heading, words::improvement(improvement, std_reduction).map(Cell::of).to_vec())
     };
-    let cells = claims.cells.iter();
-    let cells =
-        cells.map(|cell| row(format!("{}, p = {}", cell.task, cell.p), cell.improvement, cell.std_reduction));
-    let mean = row("mean".to_owned(), claims.improvement, claims.std_reduction);
-    Table {
-        caption: words::claim(claims),
-        columns: ["cell", "mean return better by", "std smaller by"].map(str::to_owned).to_vec(),
-        rows: cells.chain([mean]).collect(),
+    let table = |claims: &Claims| {
+        let cells = claims
+            .cells
+            .iter()
+            .map(|cell| row(format!("{}, p = {}", cell.task, cell.p), cell.improvement, cell.std_reduction));
+        let mean = row("mean".to_owned(), claims.improvement, claims.std_reduction);
+        Table {
+            caption: words::claim(claims),
+            columns: ["cell", "mean return better by", "std smaller by"].map(str::to_owned).to_vec(),
+            rows: cells.chain([mean]).collect(),
+        }
+    };
+    html! {
+        p {
+            "A standard deviation over a few policies is a guess: so is by how much one is smaller than another. Of each             task there are as many policies as its section says."
+        }
+        @for claims in &summary.claims { (table(claims).markup()) }
     }
 }
 
-fn policies(html: &mut Html, summary: &Summary) {
+fn policies(summary: &Summary) -> Markup {
     let columns = ["policy", "task", "algorithm", "seed", "env steps", "predictors", "origin", "fingerprint"];
     let rows = summary.contenders.iter().map(|contender| {
         let cells = [
@@ -162,14 +151,15 @@ fn policies(html: &mut Html, summary: &Summary) {
         ];
         (contender.name.clone(), cells.map(Cell::of).to_vec())
     });
-    html.table(&Table {
+    let table = Table {
         caption: "As named on the command line; the fingerprint is of the weights.".to_owned(),
         columns: columns.map(str::to_owned).to_vec(),
         rows: rows.collect(),
-    });
+    };
+    table.markup()
 }
 
-fn definitions(html: &mut Html, summary: &Summary) {
+fn definitions(summary: &Summary) -> Markup {
     let imputers = words::imputers(summary);
     let played = notes::IMPUTERS.iter().filter(|(name, _)| imputers.contains(name));
     let texts = |(term, meaning): &(&str, &str)| ((*term).to_owned(), (*meaning).to_owned());
@@ -179,27 +169,54 @@ fn definitions(html: &mut Html, summary: &Summary) {
     let models = links.flat_map(|condition| condition.links().models());
     let models = models.filter(|model| !model.parameters.is_empty());
     let models = distinct(models.map(|model| (model.signature(), model.about.to_owned())));
-    html.list(notes::STATISTICS.iter().map(texts).chain(models));
-    html.element("h3", "Imputers");
     let oracle = words::has_oracles(&imputers).then_some(&notes::ORACLE);
-    html.list(played.chain(oracle).map(texts));
+    html! {
+        (list(notes::STATISTICS.iter().map(texts).chain(models)))
+        h3 { "Imputers" }
+        (list(played.chain(oracle).map(texts)))
+    }
 }
 
-fn made(html: &mut Html, provenance: &Provenance) {
+fn made(summary: &Summary, provenance: &Provenance) -> Markup {
+    let Settings { episodes, seed, greedy, comm_at_t0, physics } = summary.settings;
     let Provenance { program, command, cpu, date } = provenance;
-    html.raw(&format!("<pre><code>{}</code></pre>", escape(command)));
-    html.list(
-        [("program", program), ("CPU", cpu), ("date", date)]
-            .map(|(term, value)| (term.to_owned(), value.clone())),
-    );
-    html.element(
-        "p",
-        "Every draw is found by the seed and what it is for, so the same command gives the same numbers in every bit \
-         on the same CPU feature set, whatever the number of threads. These numbers and more are in results.json, \
-         summary.csv and errors.csv beside this page, and every episode is in episodes.csv.",
-    );
+    let conditions = distinct(summary.groups.iter().flat_map(words::conditions));
+    let conditions: Vec<String> = conditions.into_iter().map(words::condition).collect();
+    let settings = [
+        ("policies", words::policies(summary.contenders.len())),
+        ("conditions", conditions.join(", ")),
+        ("imputers", words::imputers(summary).join(", ")),
+        ("episodes", format!("{episodes} of each policy, condition and imputer; seed {seed}")),
+        ("actions", if greedy { "the most probable" } else { "sampled from the policy" }.to_owned()),
+        (
+            "at t = 0",
+            if comm_at_t0 { "everything is delivered" } else { "links lose as they do later" }.to_owned(),
+        ),
+        ("physics", physics.to_string()),
+        ("program", program.clone()),
+        ("CPU", cpu.clone()),
+        ("date", date.clone()),
+    ];
+    html! {
+        p {
+            "Frozen policies play while the links between their agents lose observations, and an imputer stands in for \
+            what is lost. All policies of a task were played from the same initial states with the same draws of actions \
+            and links, whatever the condition and the imputer, so that differences are paired."
+        }
+        (list(settings.map(|(term, value)| (term.to_owned(), value))))
+        pre { code { (command) } }
+        p {
+            "Every draw is found by the seed and what it is for, so the same command gives the same numbers in every bit \
+            on the same CPU feature set, whatever the number of threads. These numbers and more are in results.json, \
+            summary.csv and errors.csv beside this page, and every episode is in episodes.csv."
+        }
+    }
 }
 
+/// Terms with what they mean.
+fn list(terms: impl IntoIterator<Item = (String, String)>) -> Markup {
+    html! { dl { @for (term, meaning) in terms { dt { (term) } dd { (meaning) } } } }
+}
 #[cfg(test)]
 mod tests {
     use super::super::fixture;
@@ -209,7 +226,7 @@ mod tests {
     fn it_needs_nothing_from_elsewhere() {
         let (_, summary) = fixture::two_tasks();
         let page = page(&summary, &fixture::provenance());
-        assert!(page.starts_with("<!doctype html>") && page.ends_with("</html>\n"));
+        assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n"));
         assert_eq!(page.matches("http").count(), page.matches("<svg xmlns=\"http").count());
         assert!(!page.contains("<script") && !page.contains("src=") && !page.contains("url("));
         let links = page.matches("href=\"").count();
@@ -238,11 +255,11 @@ mod tests {
         for contender in &summary.contenders {
             assert!(page.contains(&contender.name) && page.contains(&contender.fingerprint));
         }
-        // Two tasks with three figures each.
-        assert_eq!(page.matches("<figure>").count(), 6);
-        assert!(page.contains(">Over tasks</h2>") && page.contains("<td>5<small>2 tasks</small>"));
+        // One above all, and four of each of two tasks.
+        assert_eq!(page.matches("<figure>").count(), 9);
+        assert!(page.contains(">Over tasks</h2>") && page.contains("<td>2</td><td>5</td>"));
         assert!(page.contains("vamaro-swarm evaluate runs/* --report report"));
-        for tag in ["table", "figure", "div", "dl", "tr", "td", "th", "nav", "h2", "h3", "p"] {
+        for tag in ["table", "figure", "div", "dl", "tr", "td", "th", "nav", "h2", "h3", "p", "details"] {
             let count = |end: &str| page.matches(end).count();
             assert_eq!(
                 count(&format!("<{tag}>")) + count(&format!("<{tag} ")),
@@ -296,5 +313,15 @@ mod tests {
             assert!(!page.contains(absent), "{absent}");
         }
         assert_eq!(page.matches("<figure>").count(), 1);
+    }
+
+    #[test]
+    fn it_opens_with_what_was_found_and_the_figure() {
+        let (_, summary) = fixture::two_tasks();
+        let page = page(&summary, &fixture::provenance());
+        let finding = page.find("<p class=\"finding\">In the mean over 2 tasks").unwrap();
+        let figure = page.find("<figure>").unwrap();
+        assert!(finding < figure && figure < page.find("<table>").unwrap());
+        assert!(figure < page.find("<h2").unwrap());
     }
 }

@@ -4,7 +4,8 @@ use crate::agent::Truth;
 use crate::environment::Unit;
 use crate::evaluate::grouping::distinct;
 use crate::evaluate::{
-    AgeErrors, Claims, Condition, Explained, Group, ImputerSummary, Interval, Loss, Summary, UnitErrors,
+    AgeErrors, CellSummary, Claims, Condition, Explained, Group, ImputerSummary, Interval, Loss, Summary,
+    UnitErrors,
 };
 
 /// `p = 0.2`, or the text of the links.
@@ -112,6 +113,16 @@ pub fn p_for_90(imputer: &ImputerSummary, p: &Interval) -> String {
     format!("{at_most}{}", number(p.value, 2))
 }
 
+/// What came of it under a condition.
+pub fn cell<'a>(imputer: &'a ImputerSummary, condition: &Condition) -> Option<&'a CellSummary> {
+    imputer.cells.iter().find(|cell| cell.condition == *condition)
+}
+
+/// Whether a group has scores: where everything is delivered it is better than random, as far as was played.
+pub fn has_scores(group: &Group) -> bool {
+    group.imputers.iter().flat_map(|imputer| &imputer.cells).any(|cell| cell.score.is_some())
+}
+
 /// All imputers, in the order in which they first come.
 pub fn imputers(summary: &Summary) -> Vec<&str> {
     distinct(summary.groups.iter().flat_map(|group| &group.imputers).map(|imputer| &imputer.imputer[..]))
@@ -127,6 +138,15 @@ pub fn units(group: &Group) -> Vec<Unit> {
 /// A unit with what is measured in it, where the symbol alone would say nothing.
 pub fn unit(unit: Unit) -> &'static str {
     if unit == Unit::One { "colours and words" } else { unit.symbol() }
+}
+
+/// What is measured in a unit.
+pub fn quantity(unit: Unit) -> &'static str {
+    match unit {
+        Unit::Metre => "positions",
+        Unit::MetrePerSecond => "velocities",
+        Unit::One => "colours and words",
+    }
 }
 
 /// The errors of all ages.
@@ -162,6 +182,17 @@ pub fn plus_minus(interval: &Interval, decimals: usize) -> String {
 /// `[-27.5, -25.1]`.
 pub fn ends(interval: &Interval, decimals: usize) -> String {
     format!("[{}, {}]", number(interval.low, decimals), number(interval.high, decimals))
+}
+
+/// `95 % interval -27.5 to -25.1`.
+pub fn interval(interval: &Interval, decimals: usize) -> String {
+    format!("95 % interval {} to {}", number(interval.low, decimals), number(interval.high, decimals))
+}
+
+/// `-26.3 (95 % interval -27.5 to -25.1)`; without one that is none.
+pub fn with_interval(estimate: &Interval, decimals: usize) -> String {
+    let value = number(estimate.value, decimals);
+    if estimate.low < estimate.high { format!("{value} ({})", interval(estimate, decimals)) } else { value }
 }
 
 /// A share as a percentage.
