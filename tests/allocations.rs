@@ -20,7 +20,7 @@ use vamaro_swarm::environment::{Outcome, Task};
 use vamaro_swarm::link::{LinkSpec, Links};
 use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
-    Audit, Conduct, Decisions, InProcess, Ledger, Processes, Session, Stage, Team, Tick,
+    Audit, Conduct, Decisions, InProcess, Ledger, Order, Processes, Session, Stage, Team, Tick,
 };
 use vamaro_swarm::train::{self, Batch, Ends, Settings};
 
@@ -127,7 +127,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
         let supervisor = SupervisorPort::create(&address, &layout).unwrap();
         let member = |index| {
             let agent = Agent::new(&settings, index).unwrap();
-            let port = AgentSharedPort::open(&address, &layout, index).unwrap();
+            let port = AgentSharedPort::open(&address, &layout, index, 0).unwrap();
             Member::new(agent, port, layout, address.id(), 0)
         };
         let mut members: Vec<_> = (0..agents).map(member).collect();
@@ -138,7 +138,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
             for _ in 0..EPISODE_STEPS {
                 let drawn = allocations(|| {
                     stage.sense().unwrap();
-                    stage.draw_links().unwrap();
+                    stage.draw_links(0).unwrap();
                 });
                 let tick = stage.tick();
                 let header = Header {
@@ -228,6 +228,10 @@ struct Counted<'a> {
 }
 
 impl Team for Counted<'_> {
+    fn muster(&mut self, orders: &[Order]) -> Result<u64> {
+        self.team.muster(orders)
+    }
+
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         let begun = ALLOCATIONS.get();
         self.team.tick(tick, decisions)?;
@@ -295,7 +299,7 @@ fn renewing_weights_allocates_nothing_after_the_first_time() {
         let mut first_tick = |renews: bool| {
             stage.begin_episodes(u64::MAX).unwrap();
             stage.sense().unwrap();
-            stage.draw_links().unwrap();
+            stage.draw_links(0).unwrap();
             allocations(|| {
                 if renews {
                     team.renew(&weights).unwrap();

@@ -281,6 +281,7 @@ mod tests {
                 tick: 1,
                 agents: 2,
                 worlds: 1,
+                absent: 0,
                 carried_out: &[0; 2],
                 observations,
                 ages,

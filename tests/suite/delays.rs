@@ -60,7 +60,7 @@ fn one_episode(links: Links, imputer: &str) -> Vec<(Vec<f32>, Vec<f32>, Vec<u8>)
     stage.begin_episodes(u64::MAX).unwrap();
     stage.sense().unwrap();
     while stage.is_playing() {
-        stage.draw_links().unwrap();
+        stage.draw_links(0).unwrap();
         team.tick(&stage.tick(), &mut decisions).unwrap();
         let observations = stage.tick().observations.to_vec();
         episode.push((decisions.estimates.clone(), observations, decisions.ages.clone()));

@@ -108,7 +108,7 @@ fn play(team: &mut impl Team, task: &Task, links: Links, end: u64) -> (Vec<Decid
             stage.begin_episodes(u64::MAX).unwrap();
         }
         stage.sense().unwrap();
-        stage.draw_links().unwrap();
+        stage.draw_links(0).unwrap();
         let tick = stage.tick();
         team.tick(&tick, &mut decisions).unwrap();
         for (to, world) in (0..tick.agents).flat_map(|to| (0..WORLDS).map(move |world| (to, world))) {
@@ -140,7 +140,8 @@ fn check(task: &Task, policy: &Policy, imputer: &str, links: impl Fn() -> Links,
     assert!(expected.iter().all(Decided::is_finite), "{}, {imputer}", task.id());
     let arrivals = Arc::new(arrivals);
     for &end in ends {
-        let poison = |port| Poisoned { port, layout, arrivals: arrivals.clone(), end, agent: 0 };
+        let arrivals = arrivals.clone();
+        let poison = move |port| Poisoned { port, layout, arrivals: arrivals.clone(), end, agent: 0 };
         let mut poisoned = InProcess::with_ports(&settings, policy, poison).unwrap();
         let (decided, _) = play(&mut poisoned, task, links(), end);
         let differs = decided.iter().zip(&expected).position(|(found, expected)| found != expected);

@@ -9,7 +9,7 @@ use vamaro_swarm::link::Links;
 use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
 use vamaro_swarm::recording::{Episode, Recording, RecordingHeader};
 use vamaro_swarm::supervisor::{
-    Conduct, Decisions, InProcess, Processes, Recorder, Session, Stage, Team, Tick,
+    Conduct, Decisions, InProcess, Order, Processes, Recorder, Session, Stage, Team, Tick,
 };
 use vamaro_swarm::train::{Batch, Rollout};
 
@@ -30,6 +30,10 @@ struct Overheard<T> {
 }
 
 impl<T: Team> Team for Overheard<T> {
+    fn muster(&mut self, orders: &[Order]) -> Result<u64> {
+        self.team.muster(orders)
+    }
+
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         self.team.tick(tick, decisions)?;
         self.logits.extend(decisions.logits.iter().map(|logit| logit.to_bits()));
@@ -199,7 +203,7 @@ fn renew_before(renewed: usize, case: &Case, team: impl Team) -> Vec<u32> {
             team.renew(&case.weights(1)).unwrap();
         }
         stage.sense().unwrap();
-        stage.draw_links().unwrap();
+        stage.draw_links(0).unwrap();
         team.tick(&stage.tick(), &mut decisions).unwrap();
         stage.step_worlds(&decisions).unwrap();
     }
