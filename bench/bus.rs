@@ -17,7 +17,8 @@ fn observations(c: &mut Criterion) {
         let address = SwarmAddress { agents: 2, ..SwarmAddress::of(directory.tag()) };
         let layout = Layout { agents: 2, observation: bytes / 4, action: 1, joint: 1, logits: 1 };
         let supervisor = SupervisorPort::create(&address, &layout).expect("services");
-        let mut ports = [0, 1].map(|agent| AgentSharedPort::open(&address, &layout, agent).expect("ports"));
+        let mut ports =
+            [0, 1].map(|agent| AgentSharedPort::open(&address, &layout, agent, 0).expect("ports"));
         let header = Header {
             protocol: PROTOCOL,
             kind: Kind::Observation as u32,

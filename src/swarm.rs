@@ -10,7 +10,7 @@ use crate::environment::{Environment, Spec, Task};
 use crate::failed;
 use crate::link::{Link, LinkSpec, Links};
 use crate::supervisor::{
-    AgentCommand, Conduct, Deadlines, InProcess, Ledger, Observer, Processes, Session, Statistics,
+    AgentCommand, Conduct, Deadlines, InProcess, Ledger, Observer, OnFailure, Processes, Session, Statistics,
 };
 
 /// A swarm that plays episodes. Dropping it ends its agents and leaves nothing behind.
@@ -201,6 +201,12 @@ impl SwarmBuilder {
     /// How long processes may take for each phase.
     pub fn deadlines(mut self, deadlines: Deadlines) -> SwarmBuilder {
         self.conduct.deadlines = deadlines;
+        self
+    }
+
+    /// What to do when an agent dies or hangs: by default the swarm ends.
+    pub fn on_failure(mut self, on_failure: OnFailure) -> SwarmBuilder {
+        self.conduct.on_failure = on_failure;
         self
     }
 

@@ -51,6 +51,11 @@ pub struct Evaluate {
     #[arg(long, value_name = "LINKS|FILE")]
     links: Vec<String>,
 
+    /// Kill and stop agents on purpose, as `spawn --chaos` does, as one more condition: where everything is delivered, or with
+    /// ` at ` and links behind it, such as 'kill=0.01 at p=0.2'; may be given several times
+    #[arg(long, value_name = "CHAOS[ at LINKS]")]
+    chaos: Vec<String>,
+
     #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy supports but particles and shared-dice"))]
     imputers: Vec<String>,
 
@@ -140,6 +145,7 @@ Examples:
   vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic
   vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
   vamaro-swarm evaluate runs/hs-0 --levels 1 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
+  vamaro-swarm evaluate runs/hs-0 --levels 1,0.2 --chaos kill=0.01 --chaos 'kill=0.01 at p=0.2'
   vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own --substitute others
   vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'    exits 3 if not
 
@@ -238,7 +244,7 @@ impl Evaluate {
         })
     }
 
-    /// Levels, modes and links, in this order.
+    /// Levels, modes, links and chaos, in this order.
     fn conditions(&self, entrants: &[Entrant]) -> Result<Vec<Condition>> {
         let level = |text: &String| {
             let p = text.trim().trim_start_matches("p=").parse().ok();
@@ -250,14 +256,15 @@ impl Evaluate {
             _ => Err(usage!("--modes: {text:?} is none of uniform, asymmetric and dynamic")),
         };
         // A matrix is for teams of one size.
-        let links = |text: &String| {
+        let for_all = |text: &str, parse: fn(&str, usize) -> Result<Condition>| {
             let teams = entrants.iter().map(|entrant| entrant.task.spec().n_agents());
-            let read = teams.map(|agents| Condition::parse(text, agents));
+            let read = teams.map(|agents| parse(text, agents));
             read.reduce(|all, one| all.and(one)).expect("there are policies")
         };
         let all = self.levels.iter().map(|text| ("--levels", level(text)));
         let all = all.chain(self.modes.iter().map(|text| ("--modes", mode(text))));
-        let all = all.chain(self.links.iter().map(|text| ("--links", links(text))));
+        let all = all.chain(self.links.iter().map(|text| ("--links", for_all(text, Condition::parse))));
+        let all = all.chain(self.chaos.iter().map(|text| ("--chaos", for_all(text, Condition::parse_chaos))));
         let mut conditions: Vec<Condition> = Vec::new();
         for (option, condition) in all {
             let condition = condition?;

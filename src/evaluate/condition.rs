@@ -1,4 +1,4 @@
-//! Conditions: how links behave in a cell, and what that is called.
+//! Conditions: how links behave in a cell, what befalls agents on purpose, and what that is called.
 
 use std::fmt;
 use std::path::Path;
@@ -8,11 +8,13 @@ use serde::{Serialize, Serializer};
 
 use crate::base::error::Result;
 use crate::link::{CommunicationMatrix, LinkSpec};
+use crate::supervisor::ChaosSpec;
 
-/// How links behave in a cell.
+/// How links behave in a cell, and what befalls agents on purpose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
     links: LinkSpec,
+    chaos: Option<ChaosSpec>,
     /// `p=0.2`, or the text of the links.
     name: String,
 }
@@ -24,7 +26,7 @@ impl Condition {
     /// `Usage` if it is none.
     pub fn level(p: f64) -> Result<Condition> {
         // Adding zero turns -0 into 0.
-        LinkSpec::level(p + 0.0).map(|links| Condition { name: format!("p={}", p + 0.0), links })
+        LinkSpec::level(p + 0.0).map(|links| Condition { name: format!("p={}", p + 0.0), links, chaos: None })
     }
 
     /// The links that a text says, as `spawn --links` takes it, for a team of `agents`.
@@ -40,7 +42,21 @@ impl Condition {
             None if links.matrices().next().is_some() => text.to_owned(),
             None => links.to_string(),
         };
-        Ok(Condition { links, name })
+        Ok(Condition { links, chaos: None, name })
+    }
+
+    /// What befalls agents, as `spawn --chaos` takes it, where everything is delivered; with ` at ` behind it, where links
+    /// behave as this text says: `kill=0.01 at p=0.2`, `kill=0.01 at dynamic`.
+    ///
+    /// # Errors
+    /// `Usage` if it says nothing.
+    pub fn parse_chaos(text: &str, agents: usize) -> Result<Condition> {
+        let (chaos, links) = text.split_once(" at ").unwrap_or((text, "p=1"));
+        let chaos: ChaosSpec = chaos.parse()?;
+        let level = links.trim().strip_prefix("p=").and_then(|p| p.trim().parse().ok());
+        let condition = level.map_or_else(|| Condition::parse(links, agents), Condition::level)?;
+        let name = format!("{chaos} at {condition}");
+        Ok(Condition { chaos: Some(chaos), name, ..condition })
     }
 
     /// The links that behave so.
@@ -48,9 +64,14 @@ impl Condition {
         &self.links
     }
 
-    /// p, where all links share one.
+    /// What befalls agents on purpose.
+    pub fn chaos(&self) -> Option<ChaosSpec> {
+        self.chaos
+    }
+
+    /// p, where all links share one and nothing befalls the agents.
     pub fn p(&self) -> Option<f64> {
-        self.links.p()
+        self.links.p().filter(|_| self.chaos.is_none())
     }
 
     /// `level`, or the text of the links.
@@ -71,7 +92,7 @@ impl fmt::Display for Condition {
     }
 }
 
-/// `{"level": 0.2}`, the text of the links, or that and the matrices that its files held.
+/// `{"level": 0.2}`, the text of the links and of what befalls the agents, or that and the matrices that its files held.
 impl Serialize for Condition {
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         let matrices: Vec<_> = self.links.matrices().map(CommunicationMatrix::to_rows).collect();
@@ -123,6 +144,21 @@ mod tests {
             assert_eq!(to_value(condition).unwrap(), written);
         }
         assert!(parse("level(1)").is_lossless() && !parse("delay(0)").is_lossless());
+    }
+
+    #[test]
+    fn chaos_comes_with_any_links_and_is_no_level() {
+        let chaos = |text| Condition::parse_chaos(text, 2).unwrap();
+        let alone = chaos("kill=0.01");
+        assert_eq!((alone.p(), alone.is_lossless()), (None, false));
+        assert_eq!(to_value(&alone).unwrap(), json!("kill=0.01:500ms at p=1"));
+        assert_eq!(chaos("stop=0.1:1s at p=0.2").name(), "stop=0.1:1000ms at p=0.2");
+        assert_eq!(
+            chaos("kill=0.01, stop=0.1 at dynamic").to_string(),
+            "kill=0.01:500ms,stop=0.1:200ms at dynamic"
+        );
+        assert_ne!(chaos("kill=0.01 at p=0.2"), alone);
+        assert!(Condition::parse_chaos("kill=0.01 at often", 2).is_err());
     }
 
     #[test]

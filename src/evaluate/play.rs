@@ -1,11 +1,13 @@
 //! Plays the episodes of one cell.
 
+use std::time::Duration;
+
+use super::condition::Condition;
 use super::errors::ErrorLedger;
 use super::evaluation::{Outcome, Settings};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::environment::{End, Outcome as Stepped, Task};
-use crate::link::Links;
 use crate::nn::Policy;
 use crate::supervisor::{Ledger, Session, Team, signals};
 
@@ -18,15 +20,18 @@ pub(super) fn play(
     settings: &Settings,
     policy: &Policy,
     task: &Task,
-    links: Links,
+    condition: &Condition,
     imputer: &str,
     worlds: usize,
     team: &mut impl Team,
 ) -> Result<Outcome> {
-    let links = links.sharing_at_start(settings.comm_at_t0);
+    let links = condition.links().build().sharing_at_start(settings.comm_at_t0);
     let end = FIRST_EPISODE + settings.episodes;
     let environment = task.clone().with_physics(settings.physics)?.environment(worlds);
     let mut session = Session::new(environment, links, settings.seed).starting_at(FIRST_EPISODE);
+    if let Some(chaos) = condition.chaos() {
+        session = session.with_chaos(chaos, Duration::from_secs_f64(task.spec().dt))?;
+    }
     let (mut ledger, mut errors) = (Ledger::default(), ErrorLedger::new(task.spec(), policy, imputer));
     session.play(team, end, &mut [&mut ledger, &mut errors])?;
     let statistics = ledger.into_statistics();
@@ -79,7 +84,7 @@ mod tests {
         let agents =
             AgentSettings { imputer: imputer.to_owned(), seed: 4, worlds, ..AgentSettings::of(task.spec()) };
         let mut team = InProcess::new(&agents, &policy).unwrap();
-        play(&settings(9), &policy, &task, Links::level(p), imputer, worlds, &mut team).unwrap()
+        play(&settings(9), &policy, &task, &Condition::level(p).unwrap(), imputer, worlds, &mut team).unwrap()
     }
 
     #[test]

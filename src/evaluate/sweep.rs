@@ -151,7 +151,9 @@ impl Sweep {
         signals::check_stop()?;
         let Entrant { source, policy, task, .. } = job.entrant;
         let imputer = job.imputer.unwrap_or("hold");
-        let links = job.condition.links();
+        let condition = job.condition;
+        // An agent is one process for all worlds, and what befalls it would befall it in all of them.
+        let worlds = condition.chaos().map_or(self.worlds, |_| 1);
         let settings = AgentSettings {
             spec: task.spec().clone(),
             policy: source.clone(),
@@ -159,19 +161,19 @@ impl Sweep {
             registry: Registry::default(),
             greedy: self.settings.greedy,
             seed: self.settings.seed,
-            worlds: self.worlds.min(self.settings.episodes as usize),
-            longest_delay: links.longest_delay(),
+            worlds: worlds.min(self.settings.episodes as usize),
+            longest_delay: condition.links().longest_delay(),
             tell_logits: false,
         };
-        let (links, worlds) = (links.build(), settings.worlds);
+        let worlds = settings.worlds;
         match self.place {
             Place::Processes(wait) => {
                 let mut team = Processes::start(&settings, policy, wait)?;
-                play(&self.settings, policy, task, links, imputer, worlds, &mut team)
+                play(&self.settings, policy, task, condition, imputer, worlds, &mut team)
             }
             Place::InProcess(_) => {
                 let mut team = InProcess::new(&settings, policy)?;
-                play(&self.settings, policy, task, links, imputer, worlds, &mut team)
+                play(&self.settings, policy, task, condition, imputer, worlds, &mut team)
             }
         }
     }

@@ -8,6 +8,7 @@ mod children;
 mod faults;
 mod real_time;
 mod scheduling;
+mod soak;
 
 /// Not a test: what the agents of swarms run that are of this binary.
 #[test]
