@@ -187,6 +187,23 @@ mod tests {
     }
 
     #[test]
+    fn what_no_sensor_says_and_who_was_replaced_stay_outside() {
+        let mut mailbox = Mailbox::new(2, 1, 2, 0);
+        for wrong in [f32::NAN, f32::INFINITY, -1e30] {
+            mailbox.accept(observation(1, 7, &[1.0, wrong]));
+            assert!(!mailbox.complete(7, 1), "{wrong}");
+        }
+        let of = |incarnation, tick| {
+            let header = *observation(1, tick, &[1.0, 2.0]).header();
+            LocalSample::new(Header { incarnation, ..header }, |_| {})
+        };
+        mailbox.accept(of(2, 7));
+        assert!(mailbox.complete(7, 1));
+        mailbox.accept(of(1, 8));
+        assert!(!mailbox.complete(8, 1));
+    }
+
+    #[test]
     fn what_is_late_or_foreign_stays_outside() {
         let mut mailbox = Mailbox::new(2, 1, 2, 0);
         mailbox.accept(observation(1, 6, &[1.0, 2.0]));

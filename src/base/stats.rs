@@ -12,11 +12,42 @@ pub fn std(values: &[f64]) -> Option<f64> {
     (values.len() > 1).then(|| (squares / (values.len() - 1) as f64).sqrt())
 }
 
-/// Half the width of the 95 % confidence interval of the mean, by Student's t. `None` for fewer than
-/// two values.
+/// Half the width of the 95 % confidence interval of the mean, by Student's t. `None` for fewer than two values.
 pub fn ci95(values: &[f64]) -> Option<f64> {
-    let n = values.len();
-    std(values).map(|std| t975(n - 1) * std / (n as f64).sqrt())
+    let mut running = Running::default();
+    values.iter().for_each(|value| running.push(*value));
+    running.ci95()
+}
+
+/// Mean and spread of values that are not kept, by Welford's updates.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Running {
+    count: u64,
+    mean: f64,
+    squares: f64,
+}
+
+impl Running {
+    /// Takes a value in.
+    pub fn push(&mut self, value: f64) {
+        self.count += 1;
+        let from_old = value - self.mean;
+        self.mean += from_old / self.count as f64;
+        self.squares += from_old * (value - self.mean);
+    }
+
+    /// How many were taken in.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Half the width of the 95 % confidence interval of the mean, by Student's t. `None` for fewer than two values.
+    pub fn ci95(&self) -> Option<f64> {
+        let n = self.count as f64;
+        let degrees_of_freedom = self.count.checked_sub(1).filter(|degrees| *degrees > 0)? as usize;
+        let std = (self.squares / degrees_of_freedom as f64).sqrt();
+        Some(t975(degrees_of_freedom) * std / n.sqrt())
+    }
 }
 
 /// The value below which the share `q` of the values lies, which are in order; linear between them. NaN for none.
@@ -55,7 +86,7 @@ mod tests {
         assert_eq!(mean(&values), 2.5);
         assert_eq!(std(&values), Some((5.0f64 / 3.0).sqrt()));
         assert!((ci95(&values).unwrap() - 3.182 * (5.0f64 / 12.0).sqrt()).abs() < 1e-12);
-        assert_eq!(ci95(&values[..1]), None);
+        assert_eq!([ci95(&values[..1]), ci95(&[])], [None, None]);
     }
 
     #[test]

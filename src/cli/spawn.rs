@@ -273,7 +273,7 @@ impl Spawn {
             if !bar.is_hidden() {
                 bar.set_message(progress_words(statistics));
             }
-            bar.set_position(statistics.episodes().len() as u64);
+            bar.set_position(statistics.finished());
         });
         let mut audit = self.audit.then(Audit::default);
         let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
@@ -282,7 +282,7 @@ impl Spawn {
         let ended = session.play(team, self.episodes, &mut observers);
         let statistics = ledger.into_statistics();
         bar.finish_and_clear();
-        let played = statistics.episodes().len();
+        let played = statistics.finished();
         let ended = match ended {
             Ok(()) => recorder.map_or(Ok(()), Recorder::finish),
             // What is finished is worth reporting; half a recording is worth nothing.

@@ -172,7 +172,7 @@ impl Summary<'_> {
             "greedy": settings.greedy,
             "seed": settings.seed,
             "worlds": settings.worlds,
-            "episodes": statistics.episodes().len(),
+            "episodes": statistics.finished(),
             "return_mean": statistics.return_mean(),
             "return_ci95": statistics.return_ci95(),
             "delivery_rate": statistics.delivery_rate(),

@@ -22,9 +22,9 @@ pub struct Ledger<'a> {
 type Told<'a> = Box<dyn FnMut(&Statistics) + 'a>;
 
 impl<'a> Ledger<'a> {
-    /// A ledger that tells `told` what it has counted whenever episodes are over.
+    /// A ledger that tells `told` what it has counted whenever episodes are over, and forgets the single episodes.
     pub(crate) fn telling(told: impl FnMut(&Statistics) + 'a) -> Ledger<'a> {
-        Ledger { told: Some(Box::new(told)), ..Ledger::default() }
+        Ledger { statistics: Statistics::forgetful(), told: Some(Box::new(told)), ..Ledger::default() }
     }
 
     /// What has been counted so far: finished episodes, but all ticks.

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::base::distribution::Distribution;
-use crate::base::stats::ci95;
+use crate::base::stats::Running;
 
 /// One finished episode.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,10 +33,13 @@ pub struct EpisodeStatistics {
     pub imputed: u64,
 }
 
-/// All episodes of a session, in the order of their numbers.
+/// What was counted of all episodes of a session.
 #[derive(Clone, Debug, Default)]
 pub struct Statistics {
+    /// In the order of their numbers, unless it forgets them.
     episodes: Vec<EpisodeStatistics>,
+    forgets: bool,
+    returns: Running,
     /// Sums over the episodes, in their order.
     total: EpisodeStatistics,
     tick_times: Distribution,
@@ -44,6 +47,11 @@ pub struct Statistics {
 }
 
 impl Statistics {
+    /// Statistics that do not grow: they forget the single episodes.
+    pub(super) fn forgetful() -> Statistics {
+        Statistics { forgets: true, ..Statistics::default() }
+    }
+
     pub(super) fn push_episode(&mut self, episode: EpisodeStatistics) {
         let total = &mut self.total;
         total.episode_return += episode.episode_return;
@@ -57,7 +65,10 @@ impl Statistics {
         total.absent += episode.absent;
         total.squared_error += episode.squared_error;
         total.imputed += episode.imputed;
-        self.episodes.push(episode);
+        self.returns.push(episode.episode_return);
+        if !self.forgets {
+            self.episodes.push(episode);
+        }
     }
 
     pub(super) fn push_tick(&mut self, time: Duration) {
@@ -68,20 +79,24 @@ impl Statistics {
         self.elapsed = elapsed;
     }
 
-    /// The episodes.
+    /// How many episodes were played.
+    pub fn finished(&self) -> u64 {
+        self.returns.count()
+    }
+
+    /// The episodes: none in the summary of a command, which does not keep them.
     pub fn episodes(&self) -> &[EpisodeStatistics] {
         &self.episodes
     }
 
     /// Mean return; NaN before the first episode.
     pub fn return_mean(&self) -> f64 {
-        self.total.episode_return / self.episodes.len() as f64
+        self.total.episode_return / self.finished() as f64
     }
 
     /// Half the width of the 95 % confidence interval of the mean return.
     pub fn return_ci95(&self) -> Option<f64> {
-        let returns: Vec<f64> = self.episodes.iter().map(|episode| episode.episode_return).collect();
-        ci95(&returns)
+        self.returns.ci95()
     }
 
     /// Realised share of observations that were delivered, over i != j and t >= 1; `None` for a team

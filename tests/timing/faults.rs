@@ -7,6 +7,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use vamaro_swarm::agent::AgentSettings;
 use vamaro_swarm::base::error::Result;
+use vamaro_swarm::bus::{AgentPort, AgentSharedPort, Header, Kind, PROTOCOL, SwarmAddress};
 use vamaro_swarm::environment::Task;
 use vamaro_swarm::link::{LinkSpec, Links};
 use vamaro_swarm::supervisor::{
@@ -209,4 +210,85 @@ fn those_who_are_there_decide_as_if_links_to_the_absent_were_down() {
     };
     assert_eq!(played(1.0, 0b10), played(0.0, 0));
     assert_ne!(played(1.0, 0), played(0.0, 0));
+}
+
+/// Speaks for an agent that has died, and says what its sensor has not given it.
+struct Liar {
+    port: Option<AgentSharedPort>,
+    header: Header,
+    says: f32,
+}
+
+impl Observer for Liar {
+    fn stepped(&mut self, stage: &Stage, _: &Decisions) -> Result<()> {
+        let Some(port) = &mut self.port else { return Ok(()) };
+        let header = Header { tick: stage.tick().tick + 1, ..self.header };
+        port.publish_observation(header, |words| words.fill(self.says.to_bits()))
+    }
+}
+
+#[test]
+fn what_no_sensor_gave_ends_the_run() {
+    for says in [f32::NAN, 1e30, 0.25] {
+        let (mut swarm, mut session) = start(OnFailure::Continue, LONG, false);
+        let ((processes, tag), mut ledger) = (swarm_of(&swarm), Ledger::default());
+        let task = Task::parse("spread-xy-4").unwrap();
+        let settings = AgentSettings::of(task.spec());
+        let (address, layout) = (SwarmAddress { agents: 4, ..SwarmAddress::of(&tag) }, settings.layout());
+        let header = Header {
+            protocol: PROTOCOL,
+            kind: Kind::Observation as u32,
+            swarm: address.id(),
+            sender: 2,
+            worlds: 1,
+            length: layout.observation_words(1) as u64,
+            ..Header::default()
+        };
+        let mut liar = Liar { port: None, header, says };
+        kill_process(processes[2], Signal::KILL).unwrap();
+        session.play(&mut swarm, 1, &mut [&mut ledger, &mut liar]).unwrap();
+        assert_eq!(swarm.faults().deaths, 1);
+        liar.port = Some(AgentSharedPort::open(&address, &layout, 2, 1).unwrap());
+        let error = session.play(&mut swarm, 2, &mut [&mut ledger, &mut liar]).unwrap_err().to_string();
+        assert!(error.contains("agent-2 published something else"), "{error}");
+        assert_eq!(ledger.statistics().episodes().len(), 1);
+    }
+}
+
+#[test]
+fn a_training_that_loses_an_agent_goes_on_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let train = |out: &str| {
+        let out = folder.path().join(out);
+        let words = "train --task hear-see --steps 20000 --threads 1 --set test_episodes=0 --on-failure restart --out";
+        (format!("{words} {}", out.display()), out.join("policy.safetensors"))
+    };
+    let (calm, expected) = train("calm");
+    succeed(&calm);
+    let (hit, found) = train("hit");
+    let swarm = Swarm::of(&hit);
+    common::await_sleeps(swarm.supervisor(), 300);
+    kill_process(swarm.agents[1], Signal::KILL).unwrap();
+    let (code, _, stderr) = swarm.wait();
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("agent-1") && stderr.contains("starting the team anew"), "{stderr}");
+    assert_eq!(std::fs::read(found).unwrap(), std::fs::read(expected).unwrap());
+    fail("train --on-failure continue --steps 1000", 2, &["abort or restart"]);
+}
+
+#[test]
+fn damaged_shared_memory_holds_nobody_up_at_the_end() {
+    let swarm = Swarm::start("--agents 4 --p 0.2");
+    let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
+    kill_process(swarm.supervisor(), Signal::STOP).unwrap();
+    for name in common::shared_memory(&tag).iter().filter(|name| name.ends_with(".connection")) {
+        let file = std::fs::OpenOptions::new().write(true).open(format!("/dev/shm/{name}")).unwrap();
+        std::os::unix::fs::FileExt::write_all_at(&file, &[0xff; 16], 0).unwrap();
+    }
+    kill_process(swarm.supervisor(), Signal::TERM).unwrap();
+    kill_process(swarm.supervisor(), Signal::CONT).unwrap();
+    // Whatever iceoryx2 makes of it, it ends, and the next start cleans up.
+    swarm.wait();
+    succeed("spawn --episodes 1");
+    common::assert_gone(&agents, &tag);
 }
