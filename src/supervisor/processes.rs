@@ -7,7 +7,7 @@ use super::clock::{Clock, Period};
 use super::command::AgentCommand;
 use super::deadlines::Deadlines;
 use super::launch::Children;
-use super::needs::{allow_open_files, check_shared_memory, share_weights};
+use super::needs::{allow_open_files, reserve_shared_memory, share_weights};
 use super::{Decisions, Punctuality, Team, Tick, check_weights, signals};
 use crate::agent::process::ProcessSettings;
 use crate::agent::{AgentSettings, PolicySource};
@@ -91,7 +91,7 @@ impl Processes {
             real_time: rate.is_some(),
             longest_delay: settings.longest_delay,
         };
-        check_shared_memory(&address, &layout)?;
+        reserve_shared_memory(&directory, &address, &layout)?;
         allow_open_files(team)?;
         let mut swarm = Processes {
             spec,
@@ -124,6 +124,7 @@ impl Processes {
             swarm.agents.start(&name, "agent", &process, [nothing(), nothing()])?;
         }
         swarm.await_all("get ready", deadlines.ready, Processes::take_ready)?;
+        swarm._directory.take_pages()?;
         if swarm.clock.is_some() {
             wake_on_time();
         }
