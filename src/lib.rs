@@ -77,6 +77,10 @@
 mod embed;
 mod swarm;
 
+#[cfg(fuzzing)]
+#[doc(hidden)]
+pub mod fuzzing;
+
 pub mod agent;
 pub mod base;
 pub mod bus;

@@ -138,7 +138,7 @@ struct LockedPlaces {
 impl LockedPlaces {
     fn take() -> Result<LockedPlaces> {
         place().make()?;
-        let mut places = Place::all();
+        let mut places = place().and_others();
         // What is not ours in another place is nobody's swarm that we could clean up after.
         places.retain(|other| other == place() || other.check().is_ok());
         // Everybody in the same order.

@@ -39,10 +39,9 @@ impl Place {
         }
     }
 
-    /// All in which swarms of this user can be, whatever the environment of those who started them: the one for new
-    /// swarms first.
-    pub(crate) fn all() -> Vec<Place> {
-        let (mut places, user) = (vec![Place::for_new()], user());
+    /// All in which swarms of this user can be, whatever the environment of those who started them: this one first.
+    pub(super) fn and_others(&self) -> Vec<Place> {
+        let (mut places, user) = (vec![self.clone()], user());
         let usual = under(Path::new(&format!("/run/user/{user}"))).map(|path| Place { path, instead: None });
         for other in usual.into_iter().chain([Place::in_tmp(None)]) {
             if places.iter().all(|place| place.path != other.path) {

@@ -17,6 +17,7 @@ pub mod kernels;
 mod meta;
 mod network;
 mod networks;
+mod pickle;
 mod policy;
 mod predictor;
 pub mod reference;
