@@ -13,7 +13,7 @@ use rustix::process::Signal;
 /// The user `nobody` of most systems.
 const SOMEBODY_ELSE: &str = "65534";
 
-/// Runs a script of the shell, with a /tmp of its own; `None`, and a word, where this machine allows none.
+/// Runs a script of the shell, with a /tmp and a /dev/shm of its own; `None`, and a word, where this machine allows none.
 fn with_own_tmp(script: &str) -> Option<Output> {
     let probe = Command::new("unshare").args(["-rm", "sh", "-c", "true"]).output();
     if !probe.is_ok_and(|output| output.status.success()) {
@@ -21,7 +21,9 @@ fn with_own_tmp(script: &str) -> Option<Output> {
         return None;
     }
     // The program may be in /tmp itself.
-    let script = format!("cp {PROGRAM} /mnt/ 2>/dev/null; mount -t tmpfs tmpfs /tmp; {script}");
+    let script = format!(
+        "cp {PROGRAM} /mnt/ 2>/dev/null; mount -t tmpfs tmpfs /tmp; mount -t tmpfs tmpfs /dev/shm; {script}"
+    );
     let mount = format!("mount -t tmpfs tmpfs /mnt; {script}");
     let mut command = Command::new("unshare");
     command.args(["-rm", "sh", "-c", &mount]).env("P", "/mnt/vamaro-swarm").env_remove("XDG_RUNTIME_DIR");
