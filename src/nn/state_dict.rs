@@ -12,12 +12,14 @@ use std::io::Read;
 use std::path::Path;
 use zip::ZipArchive;
 
+/// Values by the name of their file, as bytes.
+type Files = BTreeMap<String, Vec<u8>>;
+
 /// The tensors of a state dict, by name.
 #[derive(Debug)]
 pub(super) struct StateDict {
     tensors: BTreeMap<String, PickledTensor>,
-    /// Values by the name of their file, as bytes.
-    files: BTreeMap<String, Vec<u8>>,
+    files: Files,
     /// What errors call the file.
     source: String,
 }
@@ -124,7 +126,7 @@ const MAX_PICKLE: u64 = 1 << 17;
 
 /// The pickle in the archive at `path`, and its files of values by their names. All entries have the checksums they
 /// should have.
-fn entries(path: &Path, source: &str) -> Result<(Vec<u8>, BTreeMap<String, Vec<u8>>)> {
+fn entries(path: &Path, source: &str) -> Result<(Vec<u8>, Files)> {
     let about = std::fs::metadata(path).map_err(|error| usage!("cannot open {source}: {error}"))?;
     if !about.is_file() {
         return Err(usage!("{source} is not a file; expected a PyTorch state dict"));
