@@ -129,8 +129,12 @@ pub fn message(bytes: &[u8]) {
         ] {
             if header.fits(kind, 0, length) && words.len() == length {
                 match kind {
-                    Kind::Sensor => drop(layout.sensor(&words, worlds)),
-                    Kind::Decision => drop(layout.decision(&words, worlds)),
+                    Kind::Sensor => {
+                        let _ = layout.sensor(&words, worlds);
+                    }
+                    Kind::Decision => {
+                        let _ = layout.decision(&words, worlds);
+                    }
                     _ => {}
                 }
             }
