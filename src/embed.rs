@@ -5,12 +5,19 @@ use std::io::Write;
 use crate::agent::Registry;
 use crate::agent::process::{self, ProcessSettings};
 use crate::base::error::Result;
+use crate::base::faults::say_what_ended;
+use crate::base::rng::MAX_AGENTS;
+use crate::bus::is_tag;
 use crate::failed;
+use crate::link::LONGEST_DELAY;
 use crate::supervisor::AgentCommand;
 
 /// How the settings of an agent begin, in every version. A program that did not recognise them would start agents of
 /// its own.
 const SETTINGS: &str = "{\"address\":";
+
+/// The most 32-bit words that a supervisor puts into a message.
+const MOST_WORDS: usize = 1 << 26;
 
 /// If this process was started as an agent, runs the agent and exits. Otherwise notes that this program can run as an
 /// agent, and returns. Without that note a [`Swarm`](crate::Swarm) starts no processes of this program.
@@ -29,6 +36,8 @@ pub fn run_if_agent(registry: &Registry) {
         )
     });
     let run = |mut settings: ProcessSettings| {
+        check(&settings)?;
+        say_what_ended()?;
         settings.settings.registry = registry.clone();
         process::run(&settings)
     };
@@ -40,4 +49,33 @@ pub fn run_if_agent(registry: &Registry) {
             1
         }
     })
+}
+
+/// An error if no supervisor of this version can have written these settings. Sizes follow from them.
+fn check(process: &ProcessSettings) -> Result<()> {
+    let ProcessSettings { address, agent, settings, .. } = process;
+    let team = settings.spec.n_agents();
+    let sound = (1..=MAX_AGENTS).contains(&team)
+        && address.agents == team
+        && *agent < team
+        && settings.worlds > 0
+        && address.worlds == settings.worlds
+        && settings.worlds.saturating_mul(settings.spec.joint_dim().max(settings.spec.n_actions()))
+            <= MOST_WORDS
+        && address.longest_delay == settings.longest_delay
+        && address.longest_delay <= LONGEST_DELAY
+        && is_tag(&address.tag);
+    if sound {
+        return Ok(());
+    }
+    Err(failed!(
+        "these are no settings of an agent: agent {agent} of {} in a team of {team}, {} worlds in messages of {}, delays of \
+         up to {} and {} ticks, in the swarm `{}`",
+        address.agents,
+        settings.worlds,
+        address.worlds,
+        settings.longest_delay,
+        address.longest_delay,
+        address.tag
+    ))
 }

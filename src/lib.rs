@@ -79,6 +79,10 @@
 mod embed;
 mod swarm;
 
+#[cfg(fuzzing)]
+#[doc(hidden)]
+pub mod fuzzing;
+
 pub mod agent;
 pub mod base;
 pub mod bus;

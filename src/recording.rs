@@ -11,8 +11,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
+use crate::base::regular;
 use crate::environment::{ActionSpace, PhysicsSpec, State};
 use crate::link::LONGEST_DELAY;
+
+/// The most bytes a recording, or another file of JSON, may have.
+pub(crate) const LARGEST: u64 = 1 << 31;
 
 /// A file of recorded episodes.
 #[derive(Clone, Debug, Deserialize)]
@@ -162,7 +166,7 @@ fn is_false(flag: &bool) -> bool {
 impl Recording {
     /// Reads a recording or a trace.
     pub fn read(path: &Path) -> Result<Recording> {
-        let text = std::fs::read(path).map_err(|e| Error::open(path, e))?;
+        let text = regular::read(path, LARGEST)?;
         let recording: Recording = serde_json::from_slice(&text)
             .map_err(|e| Error::io("read", path, format!("it is not a recording or trace: {e}")))?;
         recording.check().map_err(|what| Error::io("read", path, what))?;

@@ -2,8 +2,10 @@
 
 pub mod distribution;
 pub mod error;
+pub(crate) mod faults;
 pub(crate) mod file;
 pub(crate) mod nearest;
+pub(crate) mod regular;
 pub mod rng;
 pub mod scheduling;
 pub(crate) mod stats;

@@ -1,6 +1,7 @@
 //! Work side by side.
 
 use std::sync::{Mutex, PoisonError};
+use std::thread::Builder;
 
 /// The cores this program may use; 1 if nobody can tell.
 pub fn cores() -> usize {
@@ -25,7 +26,8 @@ pub fn side_by_side<T: Send>(threads: usize, tasks: impl Iterator<Item = T> + Se
         }
     };
     std::thread::scope(|scope| {
-        (1..threads).for_each(|_| drop(scope.spawn(take_turns)));
+        // Where the user may have no more threads, fewer do the same.
+        (1..threads).for_each(|_| drop(Builder::new().spawn_scoped(scope, take_turns)));
         take_turns();
     });
 }

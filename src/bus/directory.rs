@@ -1,50 +1,54 @@
 //! Where a swarm lives on this machine, and how everything of it goes away.
 //!
-//! A swarm has a tag of eight hex digits, a directory `/tmp/vamaro-swarm-<uid>/<tag>` for iceoryx2's
-//! sockets and bookkeeping, and shared memory named `vs_<tag>_..`. As long as its supervisor lives it holds
-//! a lock on the directory and one on the file `vs_<tag>_lock` in shared memory, so a swarm without a lock is
-//! dead. There are two because containers may share either place and not the other.
+//! A swarm has a tag of eight hex digits, a directory of that name in a [`Place`] for iceoryx2's sockets and
+//! bookkeeping, and shared memory named `vs_<tag>_..`. As long as its supervisor lives it holds a lock on the directory
+//! and one on the file `vs_<tag>_lock` in shared memory, so a swarm without a lock is dead. There are two because
+//! containers may share either place and not the other.
 
 use std::collections::BTreeSet;
-use std::fs::{self, File};
+use std::fs::{self, DirBuilder, File, Permissions};
 use std::hash::{BuildHasher, RandomState};
 use std::os::fd::AsRawFd;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::sync::OnceLock;
 
-use rustix::fs::{AtFlags, CWD, FlockOperation, Mode, OFlags, flock, linkat, open, statvfs};
+use rustix::fs::{AtFlags, CWD, FlockOperation, Mode, OFlags, flock, linkat, open};
 
+use super::place::{Lock, Place, is_ours, locked};
 use crate::base::error::{Error, Result};
 use crate::failed;
 
-const SHARED_MEMORY: &str = "/dev/shm";
+pub(super) const SHARED_MEMORY: &str = "/dev/shm";
 const TAG_DIGITS: usize = 8;
 
 /// The directory of a living swarm. Dropping it removes all the swarm left on the machine.
 #[derive(Debug)]
 pub struct SwarmDirectory {
     tag: String,
-    /// Keeps the locks.
-    _locks: [File; 2],
+    /// Keeps the lock.
+    _locked: File,
+    /// Keeps the other lock. Its length says how much shared memory the swarm may come to use.
+    pub(super) in_memory: File,
 }
 
 impl SwarmDirectory {
     /// Cleans up after dead swarms and makes a directory for a new one.
     pub fn create() -> Result<SwarmDirectory> {
-        make_base()?;
-        let base = base_directory();
-        let _base_lock = lock_base(&base)?;
-        for leftover in dead_swarms()? {
-            leftover.remove();
+        let places = LockedPlaces::take()?;
+        for leftover in places.dead_swarms()? {
+            places.remove(&leftover.tag);
         }
         let tag = format!("{:08x}", RandomState::new().hash_one(std::process::id()) as u32);
-        let path = base.join(&tag);
-        fs::create_dir(&path).map_err(|e| Error::io("create the directory", &path, e))?;
-        let locked = open_locked(&path)?.ok_or_else(|| failed!("{} is in use", path.display()))?;
+        let path = root_of(&tag);
+        let made = DirBuilder::new().mode(0o700).create(&path);
+        made.map_err(|e| Error::io("create the directory", &path, e))?;
+        let Lock::Free(locked) = locked(&path)? else {
+            return Err(failed!("{} is in use", path.display()));
+        };
         let in_memory = lock_file_of(&tag);
         let in_memory = create_locked(&in_memory).map_err(|e| Error::io("create", &in_memory, e))?;
-        Ok(SwarmDirectory { tag, _locks: [locked, in_memory] })
+        Ok(SwarmDirectory { tag, _locked: locked, in_memory })
     }
 
     /// The swarm's tag.
@@ -60,7 +64,9 @@ impl SwarmDirectory {
 
 impl Drop for SwarmDirectory {
     fn drop(&mut self) {
-        remove_swarm(&self.tag);
+        remove_shared_memory(&self.tag);
+        // Best effort: what cannot be removed now is found again by the next start.
+        let _ = fs::remove_dir_all(self.path());
     }
 }
 
@@ -75,58 +81,34 @@ pub struct Leftover {
     pub bytes: u64,
 }
 
-impl Leftover {
-    fn remove(&self) {
-        remove_swarm(&self.tag);
-    }
-}
-
 /// The leftovers of this user's dead swarms, which are removed if `clean` is set.
 pub fn leftovers(clean: bool) -> Result<Vec<Leftover>> {
-    make_base()?;
-    let _base_lock = lock_base(&base_directory())?;
-    let dead = dead_swarms()?;
+    let places = LockedPlaces::take()?;
+    let dead = places.dead_swarms()?;
     if clean {
-        dead.iter().for_each(Leftover::remove);
+        dead.iter().for_each(|leftover| places.remove(&leftover.tag));
     }
     Ok(dead)
 }
 
 /// An error if a swarm could not put its files where they belong.
 pub fn check_writable() -> Result<()> {
-    make_base()?;
-    for folder in [Path::new(SHARED_MEMORY), &base_directory()] {
+    place().make()?;
+    for folder in [Path::new(SHARED_MEMORY), place().path()] {
         tempfile::tempfile_in(folder)
             .map_err(|e| Error::io("write to", folder, std::io::Error::from(e.kind())))?;
     }
     Ok(())
 }
 
-/// Free and total bytes of shared memory.
-pub fn shared_memory_free() -> Result<(u64, u64)> {
-    let path = Path::new(SHARED_MEMORY);
-    let stat = statvfs(path).map_err(|e| Error::io("look at", path, e))?;
-    Ok((stat.f_bavail * stat.f_frsize, stat.f_blocks * stat.f_frsize))
-}
-
-/// Where the directories of this user's swarms are.
-fn base_directory() -> PathBuf {
-    // Not the configurable temporary directory: a socket's path may have no more than 107 bytes.
-    PathBuf::from(format!("/tmp/vamaro-swarm-{}", rustix::process::geteuid().as_raw()))
-}
-
-fn make_base() -> Result<()> {
-    let base = base_directory();
-    let made = fs::DirBuilder::new().mode(0o700).recursive(true).create(&base);
-    made.map_err(|e| Error::io("create the directory", &base, e))
-}
-
-fn lock_file_of(tag: &str) -> PathBuf {
-    Path::new(SHARED_MEMORY).join(format!("{}lock", prefix_of(tag)))
+/// Where the directories of the swarms are that this process starts or belongs to. It does not move.
+pub(crate) fn place() -> &'static Place {
+    static PLACE: OnceLock<Place> = OnceLock::new();
+    PLACE.get_or_init(Place::for_new)
 }
 
 pub(super) fn root_of(tag: &str) -> PathBuf {
-    base_directory().join(tag)
+    place().path().join(tag)
 }
 
 /// The prefix of a swarm's shared memory: of fixed length and not ending in a digit, so that no
@@ -135,35 +117,82 @@ pub(super) fn prefix_of(tag: &str) -> String {
     format!("vs_{tag}_")
 }
 
-/// Held while swarms are created or cleaned up, so that nobody takes one in the making for dead.
-fn lock_base(base: &Path) -> Result<File> {
-    let found = fs::symlink_metadata(base).map_err(|e| Error::io("look at", base, e))?;
-    if !found.is_dir() || found.uid() != rustix::process::geteuid().as_raw() {
-        return Err(failed!("{} is not a folder of this user; remove it", base.display()));
+/// Takes from others what iceoryx2 gives them: it lets every user count up its nodes, with us as with everybody.
+pub(super) fn keep_to_this_user(tag: &str) -> Result<()> {
+    for path in shared_memory_of(tag) {
+        let others = fs::metadata(&path).map(|about| about.mode() & 0o077).unwrap_or_default();
+        if others != 0 {
+            let closed = fs::set_permissions(&path, Permissions::from_mode(0o600));
+            closed.map_err(|e| Error::io("keep others from", &path, e))?;
+        }
     }
-    let deadline = Instant::now() + Duration::from_secs(10);
-    loop {
-        match open_locked(base)? {
-            Some(lock) => return Ok(lock),
-            None if Instant::now() > deadline => {
-                return Err(failed!("{} has been locked for 10 s by another swarm", base.display()));
+    Ok(())
+}
+
+/// The places of this user that are there, all locked, so that no swarm in the making is taken for dead.
+struct LockedPlaces {
+    places: Vec<Place>,
+    _locks: Vec<File>,
+}
+
+impl LockedPlaces {
+    fn take() -> Result<LockedPlaces> {
+        place().make()?;
+        let mut places = place().and_others();
+        // What is not ours in another place is nobody's swarm that we could clean up after.
+        places.retain(|other| other == place() || other.check().is_ok());
+        // Everybody in the same order.
+        places.sort_by(|a, b| a.path().cmp(b.path()));
+        let locks = places.iter().map(Place::lock).collect::<Result<_>>()?;
+        Ok(LockedPlaces { places, _locks: locks })
+    }
+
+    fn dead_swarms(&self) -> Result<Vec<Leftover>> {
+        let names = self.places.iter().flat_map(|place| names_in(place.path()));
+        let mut tags: BTreeSet<String> = names.filter(|name| is_tag(name)).collect();
+        tags.extend(tags_in_memory());
+        let mut dead = Vec::new();
+        for tag in tags {
+            if self.is_alive(&tag)? {
+                continue;
             }
-            None => std::thread::sleep(Duration::from_millis(5)),
+            let files = shared_memory_of(&tag);
+            // Its supervisor may have removed it in the meantime.
+            if !files.is_empty() || self.roots(&tag).any(|root| root.exists()) {
+                dead.push(Leftover { bytes: bytes_of(&tag), tag, files: files.len() });
+            }
+        }
+        Ok(dead)
+    }
+
+    /// One of the locks is enough.
+    fn is_alive(&self, tag: &str) -> Result<bool> {
+        for path in self.roots(tag).chain([lock_file_of(tag)]) {
+            if matches!(locked(&path)?, Lock::Held) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn roots(&self, tag: &str) -> impl Iterator<Item = PathBuf> {
+        self.places.iter().map(move |place| place.path().join(tag))
+    }
+
+    /// Best effort: what cannot be removed now is found again by the next start.
+    fn remove(&self, tag: &str) {
+        remove_shared_memory(tag);
+        for root in self.roots(tag) {
+            let _ = fs::remove_dir_all(root);
         }
     }
 }
 
-/// Opens and locks a directory; `None` if somebody else holds the lock.
-fn open_locked(path: &Path) -> Result<Option<File>> {
-    let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
-    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-        Ok(()) => Ok(Some(file)),
-        Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
-        Err(e) => Err(Error::io("lock", path, e)),
-    }
+pub(super) fn lock_file_of(tag: &str) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(format!("{}lock", prefix_of(tag)))
 }
 
-/// Makes a file that is locked before anybody can see it: those who look may hold another base lock.
+/// Makes a file that is locked before anybody can see it: those who look may hold the lock of another place.
 fn create_locked(path: &Path) -> rustix::io::Result<File> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
@@ -174,57 +203,17 @@ fn create_locked(path: &Path) -> rustix::io::Result<File> {
     Ok(file)
 }
 
-/// Needs the lock of the base directory.
-fn dead_swarms() -> Result<Vec<Leftover>> {
-    let mut tags = BTreeSet::new();
-    for name in names_in(&base_directory()) {
-        if is_tag(&name) {
-            tags.insert(name);
-        }
-    }
-    for name in names_in(Path::new(SHARED_MEMORY)) {
-        let tag = name.strip_prefix("vs_").and_then(|rest| rest.split('_').next());
-        let ours = |tag: &&str| is_tag(tag) && name.starts_with(&prefix_of(tag)) && is_mine(&name);
-        if let Some(tag) = tag.filter(ours) {
-            tags.insert(tag.to_owned());
-        }
-    }
-    let mut dead = Vec::new();
-    for tag in tags {
-        if is_alive(&tag)? {
-            continue;
-        }
-        let files = shared_memory_of(&tag);
-        let bytes = files.iter().filter_map(|file| fs::metadata(file).ok()).map(|m| m.blocks() * 512).sum();
-        // Its supervisor may have removed it in the meantime.
-        if !files.is_empty() || root_of(&tag).exists() {
-            dead.push(Leftover { tag, files: files.len(), bytes });
-        }
-    }
-    Ok(dead)
+/// The tags of this user's swarms that have shared memory.
+pub(super) fn tags_in_memory() -> BTreeSet<String> {
+    let names = names_in(Path::new(SHARED_MEMORY)).into_iter();
+    let ours = |name: &String| is_ours(&Path::new(SHARED_MEMORY).join(name));
+    let tag = |name: String| Some(name.strip_prefix("vs_")?.split_once('_')?.0.to_owned());
+    names.filter(ours).filter_map(tag).filter(|tag| is_tag(tag)).collect()
 }
 
-/// One of the two locks is enough.
-fn is_alive(tag: &str) -> Result<bool> {
-    Ok(is_locked(&root_of(tag))? || is_locked(&lock_file_of(tag))?)
-}
-
-/// What is not there, or has just gone, is not locked.
-fn is_locked(path: &Path) -> Result<bool> {
-    match open_locked(path) {
-        Ok(lock) => Ok(lock.is_none()),
-        Err(_) if !path.exists() => Ok(false),
-        Err(e) => Err(e),
-    }
-}
-
-fn is_tag(name: &str) -> bool {
+/// Whether a name can be the tag of a swarm.
+pub(crate) fn is_tag(name: &str) -> bool {
     name.len() == TAG_DIGITS && name.bytes().all(|b| b.is_ascii_hexdigit())
-}
-
-fn is_mine(shared_memory: &str) -> bool {
-    let owner = fs::metadata(Path::new(SHARED_MEMORY).join(shared_memory)).map(|m| m.uid());
-    owner.is_ok_and(|uid| uid == rustix::process::geteuid().as_raw())
 }
 
 fn names_in(directory: &Path) -> Vec<String> {
@@ -232,22 +221,29 @@ fn names_in(directory: &Path) -> Vec<String> {
     entries.filter_map(|entry| entry.file_name().into_string().ok()).collect()
 }
 
-fn shared_memory_of(tag: &str) -> Vec<PathBuf> {
+/// The files of a swarm in shared memory.
+pub(super) fn shared_memory_of(tag: &str) -> Vec<PathBuf> {
     let directory = Path::new(SHARED_MEMORY);
-    let ours = |name: &String| name.starts_with(&prefix_of(tag));
-    names_in(directory).into_iter().filter(ours).map(|name| directory.join(name)).collect()
+    let names = names_in(directory).into_iter().filter(|name| name.starts_with(&prefix_of(tag)));
+    names.map(|name| directory.join(name)).filter(|path| is_ours(path)).collect()
 }
 
-/// Best effort: a file that cannot be removed now is found again by the next start.
-fn remove_swarm(tag: &str) {
+/// The shared memory that a swarm takes, in bytes.
+pub(super) fn bytes_of(tag: &str) -> u64 {
+    let files = shared_memory_of(tag).into_iter().filter_map(|file| fs::symlink_metadata(file).ok());
+    files.map(|about| about.blocks() * 512).sum()
+}
+
+fn remove_shared_memory(tag: &str) {
     for file in shared_memory_of(tag) {
         let _ = fs::remove_file(file);
     }
-    let _ = fs::remove_dir_all(root_of(tag));
 }
 
 #[cfg(test)]
 mod tests {
+    use rustix::fs::{FileType, mknodat};
+
     use super::*;
 
     #[test]
@@ -265,13 +261,24 @@ mod tests {
     #[test]
     fn one_of_two_locks_keeps_a_swarm_alive() {
         let swarm = SwarmDirectory::create().unwrap();
-        assert!(is_alive(&swarm.tag).unwrap());
+        let is_alive = |tag: &str| LockedPlaces::take().unwrap().is_alive(tag).unwrap();
+        assert!(is_alive(&swarm.tag));
         // As another container sees it that shares only one of the two places.
         fs::remove_dir_all(root_of(&swarm.tag)).unwrap();
-        assert!(is_alive(&swarm.tag).unwrap());
+        assert!(is_alive(&swarm.tag));
         assert!(leftovers(false).unwrap().iter().all(|dead| dead.tag != swarm.tag));
         fs::remove_file(lock_file_of(&swarm.tag)).unwrap();
-        assert!(!is_alive(&swarm.tag).unwrap());
+        assert!(!is_alive(&swarm.tag));
+    }
+
+    #[test]
+    fn a_pipe_in_the_place_of_a_lock_is_a_leftover() {
+        let tag = "00f1f000";
+        let path = lock_file_of(tag);
+        mknodat(CWD, &path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        assert!(leftovers(false).unwrap().iter().any(|dead| dead.tag == tag));
+        drop(SwarmDirectory::create().unwrap());
+        assert!(!path.exists());
     }
 
     #[test]

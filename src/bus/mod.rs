@@ -16,16 +16,19 @@
 mod clock;
 mod directory;
 mod local;
+mod memory;
 mod message;
+mod place;
 mod services;
 mod shared;
 mod wait;
 
 pub(crate) use clock::{now_ns, wait_for_moment, wake_on_time};
 pub use directory::SwarmDirectory;
-pub(crate) use directory::{check_writable, leftovers, shared_memory_free};
+pub(crate) use directory::{check_writable, is_tag, leftovers, place};
 pub(crate) use local::LocalHub;
 pub use local::{LocalPort, LocalSample};
+pub(crate) use memory::SharedMemory;
 pub use message::{Decision, DecisionTimes, Header, Kind, Layout, NOT_ARRIVED, PROTOCOL, Sensor};
 pub use services::SwarmAddress;
 pub(crate) use services::{Role, bus_error, node, open_files_needed, service_name, shared_memory_needed};

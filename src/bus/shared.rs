@@ -9,6 +9,7 @@ use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::ipc;
 
+use super::directory::keep_to_this_user;
 use super::services::{
     Event, Role, Services, WordPublisher, WordSubscriber, bus_error, subscriber, weights_publisher,
 };
@@ -47,6 +48,7 @@ impl SupervisorPort {
     /// Creates the services of the swarm at `address` and the supervisor's ports to them.
     pub fn create(address: &SwarmAddress, layout: &Layout) -> Result<SupervisorPort> {
         let node = address.node(Role::Supervisor)?;
+        keep_to_this_user(&address.tag)?;
         let services = address.services(&node, Role::Supervisor)?;
         let sensor = |agent| {
             let service = address.sensor(&node, agent, Role::Supervisor)?;

@@ -7,7 +7,7 @@ use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::str::FromStr;
-use std::thread::JoinHandle;
+use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
@@ -167,17 +167,25 @@ impl Job {
         let mut child = command.spawn().map_err(|e| failed!("cannot start the run of seed {seed}: {e}"))?;
         let stderr = BufReader::new(child.stderr.take().expect("stderr is piped"));
         let mut stdout = child.stdout.take().expect("stdout is piped");
-        let progress = std::thread::spawn(move || {
+        let progress = Builder::new().spawn(move || {
             for line in stderr.lines().map_while(|line| line.ok()) {
                 tell(&format!("[seed {seed}] {line}"));
             }
         });
-        let summary = std::thread::spawn(move || {
+        let summary = Builder::new().spawn(move || {
             let mut text = String::new();
             let _ = stdout.read_to_string(&mut text);
             text
         });
-        Ok(Job { seed, child, progress, summary })
+        match (progress, summary) {
+            (Ok(progress), Ok(summary)) => Ok(Job { seed, child, progress, summary }),
+            (Err(e), _) | (_, Err(e)) => {
+                // Nobody would read what it says.
+                let _ = child.kill();
+                let _ = child.wait();
+                Err(failed!("cannot start a thread for the run of seed {seed}: {e}; raise `ulimit -u`"))
+            }
+        }
     }
 
     fn terminate(&self) {

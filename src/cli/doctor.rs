@@ -4,15 +4,15 @@ use clap::Args;
 use rustix::process::{Resource, getrlimit};
 
 use super::print;
-use crate::agent::AgentSettings;
+use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::Result;
 use crate::base::rng::MAX_AGENTS;
 use crate::base::threads;
-use crate::bus::{
-    SwarmAddress, check_writable, leftovers, open_files_needed, shared_memory_free, shared_memory_needed,
-};
+use crate::bus::{Layout, SharedMemory, SwarmAddress, check_writable, leftovers, open_files_needed, place};
 use crate::environment::Task;
 use crate::failed;
+use crate::supervisor::check_shared_memory;
+use crate::train::{Config, Layer, Preset};
 
 /// Tell whether this machine is ready, and clean up after dead swarms
 #[derive(Debug, Args)]
@@ -95,28 +95,47 @@ fn cores() -> Finding {
 }
 
 fn shared_memory() -> Finding {
-    let layout = Task::parse("spread-xy-4").map(|task| AgentSettings::of(task.spec()).layout());
-    let (free, total, needed) = match (shared_memory_free(), layout) {
-        (Ok((free, total)), Ok(layout)) => {
-            let address = SwarmAddress { agents: 4, worlds: 10, real_time: true, ..SwarmAddress::of("") };
-            (free, total, shared_memory_needed(&address, &layout))
-        }
-        (Err(e), _) | (_, Err(e)) => return Finding::bad(e.to_string()),
+    // A swarm that starts compares the same.
+    let checked = SharedMemory::look().and_then(|memory| {
+        let needs = usual_swarms()?.map(|(address, layout)| check_shared_memory(&address, &layout, &memory));
+        let needs = needs.into_iter().collect::<Result<Vec<u64>>>()?;
+        Ok((memory, needs))
+    });
+    let (memory, needs) = match checked {
+        Ok(checked) => checked,
+        Err(e) => return Finding::bad(e.to_string()),
     };
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
-    let words = format!(
-        "/dev/shm has {:.1} MiB free of {:.1} MiB; 4 agents with 10 worlds take, in real time, up to {:.1} MiB",
-        mib(free),
-        mib(total),
-        mib(needed)
-    );
-    if free < needed { Finding::bad(words) } else { Finding::good(words) }
+    Finding::good(format!(
+        "/dev/shm has {:.1} MiB free of {:.1} MiB; 4 agents take, with 10 worlds in real time, up to {:.1} MiB, and \
+         in training {:.1} MiB",
+        mib(memory.available()),
+        mib(memory.total),
+        mib(needs[0]),
+        mib(needs[1])
+    ))
+}
+
+/// A team of four against the clock with ten worlds, and one in training.
+fn usual_swarms() -> Result<[(SwarmAddress, Layout); 2]> {
+    let task = Task::parse("spread-xy-4")?;
+    let layout = AgentSettings::of(task.spec()).layout();
+    let spawn = SwarmAddress { agents: 4, worlds: 10, real_time: true, ..SwarmAddress::of("") };
+    let mut layer = Layer::new("doctor");
+    layer.set("task", task.spec().id());
+    let worlds = Config::resolve(Preset::default(), &[layer])?.update_every;
+    // It has what a policy in training has.
+    let weights = PolicySource::Builtin.load(task.spec())?.n_values();
+    let train = SwarmAddress { real_time: false, worlds, weights, ..spawn.clone() };
+    Ok([(spawn, layout), (train, layout)])
 }
 
 fn writable() -> Finding {
-    match check_writable() {
-        Ok(()) => Finding::good("swarms can write where their files belong"),
-        Err(e) => Finding::bad(e.to_string()),
+    let found = format!("swarms can write where their files belong, in {}", place().path().display());
+    match (check_writable(), &place().instead) {
+        (Ok(()), None) => Finding::good(found),
+        (Ok(()), Some(why)) => Finding::fair(format!("{found}: {why}")),
+        (Err(e), _) => Finding::bad(e.to_string()),
     }
 }
 

@@ -29,6 +29,7 @@ use clap_complete::Shell;
 
 use crate::agent::{PolicySource, Registry};
 use crate::base::error::{Error, Result};
+use crate::base::faults::say_what_ended;
 use crate::base::table::table;
 use crate::latency::peer::PeerSettings;
 use crate::latency::serve;
@@ -104,6 +105,7 @@ enum Command {
 impl Cli {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        say_what_ended()?;
         match self.command {
             Command::Spawn(command) => command.run(),
             Command::Train(command) => command.run(),

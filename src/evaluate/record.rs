@@ -1,8 +1,8 @@
 //! The cells that are finished, in a file that grows with each, so that an interrupted sweep can go on.
 
 use std::collections::HashMap;
-use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::fs::File;
+use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{FlockOperation, flock};
@@ -11,11 +11,15 @@ use serde_json::Value;
 
 use super::evaluation::{Outcome, Settings};
 use crate::base::error::{Error, Result};
+use crate::base::regular;
 use crate::nn::kernels;
 use crate::usage;
 
 /// Name of the file in the folder of a report.
 const CELLS: &str = "cells.jsonl";
+
+/// The most bytes it may have.
+const LARGEST: u64 = 1 << 30;
 
 /// What to do where a record cannot be used.
 const ELSEWHERE: &str = "choose another --report, or remove the file";
@@ -87,9 +91,7 @@ impl Record {
     pub fn open(folder: &Path, settings: &Settings) -> Result<Record> {
         std::fs::create_dir_all(folder).map_err(|e| Error::io("create the folder", folder, e))?;
         let path = folder.join(CELLS);
-        let mut options = OpenOptions::new();
-        let file = options.read(true).append(true).create(true).open(&path);
-        let mut file = file.map_err(|e| Error::io("write", &path, e))?;
+        let file = regular::append(&path)?;
         flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
             rustix::io::Errno::WOULDBLOCK => {
                 usage!(
@@ -99,8 +101,7 @@ impl Record {
             }
             other => Error::io("lock", &path, other),
         })?;
-        let mut text = Vec::new();
-        file.read_to_end(&mut text).map_err(|e| Error::io("read", &path, e))?;
+        let text = regular::read(&path, LARGEST)?;
         // What is behind the last line that ended was being written when the program was killed.
         let whole = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
         let mut record = Record { file, path, cells: HashMap::new() };
@@ -225,7 +226,7 @@ mod tests {
         assert!(matches!(Record::open(folder.path(), &settings(2)), Err(Error::Usage(_))), "locked");
         drop(record);
         // A third cell was being written when the power went.
-        let mut file = OpenOptions::new().append(true).open(folder.path().join(CELLS)).unwrap();
+        let mut file = File::options().append(true).open(folder.path().join(CELLS)).unwrap();
         file.write_all(b"{\"fingerprint\":\"01").unwrap();
         drop(file);
         let mut record = Record::open(folder.path(), &settings(2)).unwrap();

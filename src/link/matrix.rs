@@ -5,8 +5,12 @@ use std::sync::Arc;
 
 use super::level::lose_by;
 use super::{Context, Domain, Fates, Link, Model, Parameter};
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
+use crate::base::regular;
 use crate::usage;
+
+/// The most bytes the file of a matrix may have.
+const LARGEST: u64 = 1 << 20;
 
 /// `matrix(FILE)`: a fixed communication matrix C, `C[i][j]` the probability that i receives j.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,7 +52,7 @@ impl CommunicationMatrix {
 
     /// Reads a matrix for a team of `agents` from a file, see [`CommunicationMatrix::parse`].
     pub fn read(path: &Path, agents: usize) -> Result<CommunicationMatrix> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::open(path, e))?;
+        let text = regular::read_text(path, LARGEST)?;
         CommunicationMatrix::parse(&text, agents)
             .map_err(|e| usage!("communication matrix {}: {e}", path.display()))
     }

@@ -14,6 +14,9 @@ use std::time::SystemTime;
 /// The name of an event file in the folder of a run. TensorBoard reads every file with `tfevents` in its name.
 pub(super) const FILE: &str = "events.out.tfevents.vamaro-swarm";
 
+/// The most bytes it may have.
+pub(super) const LARGEST: u64 = 1 << 31;
+
 /// The record that every event file begins with.
 pub(super) fn first_record() -> Vec<u8> {
     version_at(now())

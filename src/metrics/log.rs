@@ -1,12 +1,13 @@
 //! The files of a run that grow row by row.
 
-use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, Write};
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::{Metrics, events, table};
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
+use crate::base::regular;
 use crate::{failed, usage};
 
 /// The metrics of a run in training, as `metrics.csv` and as an event file of TensorBoard.
@@ -52,7 +53,7 @@ impl MetricsLog {
     /// one of these rows is damaged.
     pub fn resume(folder: &Path, columns: &[String], rows: usize) -> Result<MetricsLog> {
         let [csv, events] = paths(folder);
-        let bytes = std::fs::read(&csv).map_err(|e| Error::open(&csv, e))?;
+        let bytes = regular::read(&csv, table::LARGEST)?;
         let mut lines = bytes.split_inclusive(|byte| *byte == b'\n').filter(|line| line.ends_with(b"\n"));
         let length = lines.by_ref().take(rows + 1).map(<[u8]>::len).sum();
         let kept = Metrics::parse(&bytes[..length], &csv)?;
@@ -74,9 +75,9 @@ impl MetricsLog {
         cut(&csv, &bytes, length)?;
 
         let last = kept.timesteps.last().copied();
-        let bytes = match std::fs::read(&events) {
-            Err(e) if e.kind() == ErrorKind::NotFound => Vec::new(),
-            read => read.map_err(|e| Error::io("read", &events, e))?,
+        let bytes = match regular::read(&events, events::LARGEST) {
+            Err(_) if !events.exists() => Vec::new(),
+            read => read?,
         };
         let length = events::length_until(&bytes, last);
         cut(&events, &bytes, length)?;
@@ -92,10 +93,13 @@ impl MetricsLog {
     /// `resume` drops it.
     ///
     /// # Panics
-    /// If there is not one value per column, or if `timestep` is not after that of the last row.
+    /// If there is not one value per column.
     pub fn push(&mut self, timestep: u64, values: &[Option<f64>]) -> Result<()> {
         assert_eq!(values.len(), self.columns.len(), "one value per column");
-        assert!(self.last < Some(timestep), "rows are in the order of their timesteps");
+        if self.last >= Some(timestep) {
+            let path = self.csv.path.display();
+            return Err(failed!("{path} has a row of timestep {timestep} or later already; it was changed"));
+        }
         self.csv.append(table::row(timestep, values).as_bytes())?;
         let named = self.columns.iter().zip(values);
         let scalars: Vec<_> = named.filter_map(|(name, value)| Some((name.as_str(), (*value)?))).collect();
@@ -147,9 +151,7 @@ struct Growing {
 
 impl Growing {
     fn open(path: PathBuf) -> Result<Growing> {
-        let file = OpenOptions::new().append(true).create(true).open(&path);
-        let file = file.map_err(|e| Error::io("write", &path, e))?;
-        Ok(Growing { file, path })
+        Ok(Growing { file: regular::append(&path)?, path })
     }
 
     fn append(&mut self, bytes: &[u8]) -> Result<()> {
@@ -214,7 +216,7 @@ mod tests {
         drop(log);
         let whole = contents(&folder);
         for path in paths(folder.path()) {
-            OpenOptions::new().append(true).open(path).unwrap().write_all(b"1000,-2").unwrap();
+            File::options().append(true).open(path).unwrap().write_all(b"1000,-2").unwrap();
         }
         MetricsLog::resume(folder.path(), &columns(), 3).unwrap();
         assert_eq!(contents(&folder), whole);
@@ -269,7 +271,7 @@ mod tests {
     #[test]
     fn a_full_disk_is_an_error() {
         let (_folder, mut log) = run(1);
-        log.csv = Growing::open(PathBuf::from("/dev/full")).unwrap();
+        log.csv.file = File::options().write(true).open("/dev/full").unwrap();
         let error = log.push(500, &[None, None]).unwrap_err();
         assert!(!matches!(error, Error::Usage(_)) && error.to_string().contains("No space left"), "{error}");
         assert_eq!(log.rows(), 1);

@@ -2,11 +2,15 @@
 
 use std::path::Path;
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
+use crate::base::regular;
 use crate::{failed, usage};
 
 /// Its name in the folder of a run.
 pub const FILE: &str = "metrics.csv";
+
+/// The most bytes it may have: those of ten million rows.
+pub(super) const LARGEST: u64 = 1 << 30;
 
 /// The name of the first column.
 const TIMESTEP: &str = "timestep";
@@ -35,7 +39,7 @@ impl Metrics {
     /// # Errors
     /// [`Error::Usage`] if there is no such file; [`Error::Failed`] with the number of the line if it is damaged.
     pub fn read(path: &Path) -> Result<Metrics> {
-        let bytes = std::fs::read(path).map_err(|e| Error::open(path, e))?;
+        let bytes = regular::read(path, LARGEST)?;
         Metrics::parse(&bytes, path)
     }
 
@@ -123,6 +127,7 @@ pub(super) fn row(timestep: u64, values: &[Option<f64>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::error::Error;
 
     fn parse(text: &str) -> Result<Metrics> {
         Metrics::parse(text.as_bytes(), Path::new("metrics.csv"))

@@ -18,6 +18,7 @@ pub mod kernels;
 mod meta;
 mod network;
 mod networks;
+mod pickle;
 mod policy;
 mod predictor;
 #[cfg(feature = "candle")]

@@ -1,24 +1,25 @@
 //! PyTorch state dicts: a zip archive with a pickle that names the tensors, and their values beside it.
 //!
-//! candle reads both, but trusts them. Damage is found before it looks: by the checksums of the archive, and by
-//! the sizes of pickle and tensors. A sound archive whose pickle says something unforeseen can still make it
-//! panic or recurse deeply; so it reads in a thread of its own with a large stack, and a panic there is an
-//! error here (its words go to stderr all the same). A pickle built to exhaust memory is not guarded against.
+//! Damage is found by the checksums of the archive, and nothing larger than the file is read into memory.
 
 use super::PolicyFile;
+use super::pickle::{self, PickledTensor};
 use crate::base::error::{Error, Result};
 use crate::{failed, usage};
-use candle_core::pickle::PthTensors;
-use candle_core::{DType, Tensor};
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 use zip::ZipArchive;
+
+/// Values by the name of their file, as bytes.
+type Files = BTreeMap<String, Vec<u8>>;
 
 /// The tensors of a state dict, by name.
 #[derive(Debug)]
 pub(super) struct StateDict {
-    tensors: BTreeMap<String, Tensor>,
+    tensors: BTreeMap<String, PickledTensor>,
+    files: Files,
     /// What errors call the file.
     source: String,
 }
@@ -27,17 +28,19 @@ impl StateDict {
     /// The state dict in the file at `path`.
     pub(super) fn read(path: &Path) -> Result<StateDict> {
         let source = path.display().to_string();
-        check_archive(path, &source)?;
-        // An object may be nested once per byte of pickle, and reading it recurses.
-        let stack = MAX_PICKLE as usize * (2 << 10);
-        let tensors = std::thread::scope(|scope| {
-            let reader = std::thread::Builder::new().stack_size(stack);
-            let reader = reader.spawn_scoped(scope, || read_tensors(path));
-            reader.map_err(|error| failed!("cannot start a thread: {error}"))?.join().unwrap_or_else(|_| {
-                Err(failed!("{source} is no PyTorch state dict: its pickle makes no sense"))
-            })
-        })?;
-        Ok(StateDict { tensors, source })
+        let (pickle, files) = entries(path, &source)?;
+        let tensors = pickle::tensors(&pickle)
+            .map_err(|why| failed!("{source} is no PyTorch state dict: its pickle makes no sense: {why}"))?;
+        let dict = StateDict { tensors: tensors.into_iter().collect(), files, source };
+        for (name, tensor) in &dict.tensors {
+            if tensor.storage == FLOATS && !dict.holds(tensor) {
+                return Err(failed!(
+                    "{}: tensor {name} is larger than the file with its values",
+                    dict.source
+                ));
+            }
+        }
+        Ok(dict)
     }
 
     /// Whether there is such a tensor (that has not been taken).
@@ -48,13 +51,13 @@ impl StateDict {
     /// The length of the vector `key`.
     pub(super) fn length(&self, key: &str) -> Result<usize> {
         let vector = self.tensors.get(key).ok_or_else(|| self.missing(key))?;
-        Ok(vector.elem_count())
+        Ok(vector.shape.iter().product())
     }
 
     /// The number of inputs of the layer whose weights are `key`.
     pub(super) fn inputs(&self, key: &str) -> Result<usize> {
         let weights = self.tensors.get(key).ok_or_else(|| self.missing(key))?;
-        Ok(weights.dims().last().copied().unwrap_or(0))
+        Ok(weights.shape.last().copied().unwrap_or(0))
     }
 
     /// What errors call the file.
@@ -67,19 +70,13 @@ impl StateDict {
         let tensor = self.tensors.remove(key).ok_or_else(|| self.missing(key))?;
         let source = &self.source;
         let expected: Vec<usize> = shape.iter().rev().copied().collect();
-        if tensor.dims() != expected {
-            return Err(failed!("{source}: tensor {key} is {:?}, expected {expected:?}", tensor.dims()));
+        if tensor.shape != expected {
+            return Err(failed!("{source}: tensor {key} is {:?}, expected {expected:?}", tensor.shape));
         }
-        if tensor.dtype() != DType::F32 {
-            return Err(failed!("{source}: tensor {key} is {:?}, expected F32", tensor.dtype()));
+        if tensor.storage != FLOATS {
+            return Err(failed!("{source}: tensor {key} is a {}, expected a {FLOATS}", tensor.storage));
         }
-        let values = match expected.len() {
-            2 => tensor.t().and_then(|tensor| tensor.flatten_all()),
-            _ => tensor.flatten_all(),
-        };
-        let values: Vec<f32> = values
-            .and_then(|values| values.to_vec1())
-            .map_err(|error| failed!("{source}: cannot read tensor {key}: {error}"))?;
+        let values = self.transposed(&tensor);
         match values.iter().find(|value| !value.is_finite()) {
             Some(value) => Err(failed!("{source}: tensor {key} holds {value}, expected numbers")),
             None => Ok(values),
@@ -94,17 +91,42 @@ impl StateDict {
         }
     }
 
+    /// The values of a tensor of floats whose file holds them, by its last axis first.
+    fn transposed(&self, tensor: &PickledTensor) -> Vec<f32> {
+        let mut at = vec![tensor.offset];
+        for (&length, &stride) in tensor.shape.iter().zip(&tensor.strides).rev() {
+            at = at.iter().flat_map(|from| (0..length).map(move |step| from + step * stride)).collect();
+        }
+        let values = self.files.get(&tensor.file).map_or(&[][..], |bytes| bytes.as_chunks().0);
+        at.iter().map(|at| f32::from_le_bytes(values[*at])).collect()
+    }
+
+    /// Whether the file of a tensor of floats has all its values, and at least as many as it has.
+    fn holds(&self, tensor: &PickledTensor) -> bool {
+        let there = self.files.get(&tensor.file).map_or(0, |bytes| bytes.len() / size_of::<f32>());
+        let count = tensor.shape.iter().try_fold(1usize, |count, &length| count.checked_mul(length));
+        let mut axes = tensor.shape.iter().zip(&tensor.strides);
+        let last = axes.try_fold(tensor.offset, |at, (&length, &stride)| {
+            at.checked_add(stride.checked_mul(length.saturating_sub(1))?)
+        });
+        count.is_some_and(|count| count <= there)
+            && (count == Some(0) || last.is_some_and(|last| last < there))
+    }
+
     fn missing(&self, key: &str) -> Error {
         failed!("{}: tensor {key} is missing", self.source)
     }
 }
 
+/// How the pickle calls values of 32 bits.
+const FLOATS: &str = "FloatStorage";
+
 /// No pickle of a policy is larger: a tensor takes about 100 bytes in it, so this is for 1200 tensors.
 const MAX_PICKLE: u64 = 1 << 17;
 
-/// Checks that there is an archive at `path`, that its entries have the checksums they should have, and that
-/// one of them is a pickle.
-fn check_archive(path: &Path, source: &str) -> Result<()> {
+/// The pickle in the archive at `path`, and its files of values by their names. All entries have the checksums they
+/// should have.
+fn entries(path: &Path, source: &str) -> Result<(Vec<u8>, Files)> {
     let about = std::fs::metadata(path).map_err(|error| usage!("cannot open {source}: {error}"))?;
     if !about.is_file() {
         return Err(usage!("{source} is not a file; expected a PyTorch state dict"));
@@ -118,39 +140,30 @@ fn check_archive(path: &Path, source: &str) -> Result<()> {
             )
         }
     })?;
-    let mut pickles = 0;
+    let (mut pickles, mut others, mut left) = (Vec::new(), Vec::new(), about.len());
     for at in 0..archive.len() {
         let damaged = |error: &dyn std::fmt::Display| failed!("{source} is damaged: {error}");
         let mut entry = archive.by_index(at).map_err(|error| damaged(&error))?;
+        let (name, size) = (entry.name().unwrap_or_default().to_string(), entry.size());
+        // Entries that share their bytes could be many times as large as the file.
+        left = left.checked_sub(size).ok_or_else(|| damaged(&"its entries are larger than itself"))?;
+        let folder = name.strip_suffix("data.pkl");
+        if folder.is_some() && size > MAX_PICKLE {
+            return Err(failed!("{source}: its pickle has {size} bytes, expected at most {MAX_PICKLE}"));
+        }
         // Reading to the end compares the checksum.
-        let size = std::io::copy(&mut entry, &mut std::io::sink()).map_err(|error| damaged(&error))?;
-        if entry.name().is_ok_and(|name| name.ends_with("data.pkl")) {
-            pickles += 1;
-            if size > MAX_PICKLE {
-                return Err(failed!("{source}: its pickle has {size} bytes, expected at most {MAX_PICKLE}"));
-            }
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes).map_err(|error| damaged(&error))?;
+        match folder {
+            Some(folder) => pickles.push((format!("{folder}data/"), bytes)),
+            None => others.push((name, bytes)),
         }
     }
-    match pickles {
-        1 => Ok(()),
-        _ => Err(failed!("{source} is no PyTorch state dict: it has {pickles} files data.pkl, expected one")),
-    }
-}
-
-fn read_tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
-    let unreadable = |error: &dyn std::fmt::Display| failed!("cannot read {}: {error}", path.display());
-    let size = std::fs::metadata(path).map_err(|error| unreadable(&error))?.len();
-    let file = PthTensors::new(path, None).map_err(|error| unreadable(&error))?;
-    let mut tensors = BTreeMap::new();
-    for (name, info) in file.tensor_infos() {
-        let bytes =
-            info.layout.dims().iter().try_fold(info.dtype.size_in_bytes(), |n, &dim| n.checked_mul(dim));
-        if bytes.is_none_or(|bytes| bytes as u64 > size) {
-            return Err(unreadable(&format!("tensor {name} is larger than the file")));
-        }
-        if let Some(tensor) = file.get(name).map_err(|error| unreadable(&error))? {
-            tensors.insert(name.clone(), tensor);
-        }
-    }
-    Ok(tensors)
+    let [(folder, pickle)] = &mut pickles[..] else {
+        let many = pickles.len();
+        return Err(failed!("{source} is no PyTorch state dict: it has {many} files data.pkl, expected one"));
+    };
+    let files =
+        others.into_iter().filter_map(|(name, bytes)| Some((name.strip_prefix(&*folder)?.to_owned(), bytes)));
+    Ok((std::mem::take(pickle), files.collect()))
 }

@@ -1,11 +1,14 @@
 //! What a swarm needs before it starts: weights that all agents can map, shared memory, open files.
 
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
+
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::agent::{AgentSettings, PolicySource};
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::bus::{
-    Layout, SwarmAddress, SwarmDirectory, open_files_needed, shared_memory_free, shared_memory_needed,
+    Layout, SharedMemory, SwarmAddress, SwarmDirectory, open_files_needed, shared_memory_needed,
 };
 use crate::failed;
 use crate::nn::Policy;
@@ -22,28 +25,47 @@ pub(super) fn share_weights(
     if settings.policy != PolicySource::Builtin || !policy.is_shared() {
         let path = directory.path().join("policy.safetensors");
         policy.save(&path)?;
+        std::fs::set_permissions(&path, Permissions::from_mode(0o600))
+            .map_err(|e| Error::io("keep others from", &path, e))?;
         settings.policy = PolicySource::Copy(path);
     }
     Ok(settings)
 }
 
-/// Shared memory that runs out shows up as SIGBUS in the middle of a run, so look first.
-pub(super) fn check_shared_memory(address: &SwarmAddress, layout: &Layout) -> Result<()> {
-    let (free, total) = shared_memory_free()?;
+/// Has the shared memory promised that a swarm may come to use: what runs out later shows up as SIGBUS.
+pub(super) fn reserve_shared_memory(
+    directory: &SwarmDirectory,
+    address: &SwarmAddress,
+    layout: &Layout,
+) -> Result<()> {
     let needed = shared_memory_needed(address, layout);
-    if needed <= free {
-        return Ok(());
+    directory.promise(needed)?.map_err(|memory| too_small(address, needed, &memory))
+}
+
+/// An error if a swarm at `address` would not start for want of shared memory; what it may come to use, in bytes.
+pub(crate) fn check_shared_memory(
+    address: &SwarmAddress,
+    layout: &Layout,
+    memory: &SharedMemory,
+) -> Result<u64> {
+    match shared_memory_needed(address, layout) {
+        needed if needed <= memory.available() => Ok(needed),
+        needed => Err(too_small(address, needed, memory)),
     }
+}
+
+fn too_small(address: &SwarmAddress, needed: u64, memory: &SharedMemory) -> Error {
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     let SwarmAddress { agents, worlds, .. } = address;
-    Err(failed!(
+    failed!(
         "shared memory is too small: {agents} agents and {worlds} parallel worlds need up to {:.1} MiB, /dev/shm \
-         has {:.1} MiB free of {:.1} MiB; use fewer --worlds, see what `vamaro-swarm doctor` finds, or enlarge it \
-         (mount -o remount,size=.. /dev/shm)",
+         has {:.1} MiB free of {:.1} MiB, of which {:.1} MiB are promised to other swarms; use fewer --worlds, see what \
+         `vamaro-swarm doctor` finds, or enlarge it (mount -o remount,size=.. /dev/shm)",
         mib(needed),
-        mib(free),
-        mib(total)
-    ))
+        mib(memory.free),
+        mib(memory.total),
+        mib(memory.promised)
+    )
 }
 
 /// Raises the soft limit on open files as far as the swarm needs; its agents inherit it.

@@ -9,7 +9,7 @@ use super::clock::{Clock, Period};
 use super::command::AgentCommand;
 use super::deadlines::Deadlines;
 use super::launch::Children;
-use super::needs::{allow_open_files, check_shared_memory, share_weights};
+use super::needs::{allow_open_files, reserve_shared_memory, share_weights};
 use super::roster::{Roster, members_of};
 use super::{Decisions, Faults, OnFailure, Order, Punctuality, Team, Tick, check_weights, signals};
 use crate::agent::process::ProcessSettings;
@@ -52,7 +52,7 @@ pub struct Processes {
     granted: Vec<Granted>,
     grants: Option<Grants>,
     // Declared last: all else in it goes first.
-    _directory: SwarmDirectory,
+    directory: SwarmDirectory,
 }
 
 /// How the processes of a swarm run. Only waiting is said by a [`Wait`] alone.
@@ -107,7 +107,7 @@ impl Processes {
             real_time: conduct.rate.is_some(),
             longest_delay: settings.longest_delay,
         };
-        check_shared_memory(&address, &layout)?;
+        reserve_shared_memory(&directory, &address, &layout)?;
         allow_open_files(team)?;
         let mut swarm = Processes {
             spec,
@@ -126,7 +126,7 @@ impl Processes {
             answered: 0,
             granted: vec![Granted::default(); team],
             grants: None,
-            _directory: directory,
+            directory,
         };
         for agent in 0..team {
             let process = swarm.process_settings(agent);
@@ -137,6 +137,7 @@ impl Processes {
             swarm.agents.check_alive()?;
             swarm.take_ready()
         })?;
+        swarm.directory.take_pages()?;
         if swarm.clock.is_some() {
             wake_on_time();
         }

@@ -5,7 +5,11 @@ use std::path::Path;
 use toml::{Table, Value};
 
 use crate::base::error::{Error, Result};
+use crate::base::regular;
 use crate::usage;
+
+/// The most bytes a file of settings may have.
+const LARGEST: u64 = 1 << 20;
 
 /// Settings from one place: a file, or the command line.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -20,9 +24,9 @@ impl Layer {
         Layer { source: source.to_owned(), table: Table::new() }
     }
 
-    /// The settings in a TOML file.
+    /// The settings in a TOML file, or in a pipe.
     pub fn read(path: &Path) -> Result<Layer> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::open(path, e))?;
+        let text = regular::read_text_or_pipe(path, LARGEST)?;
         Layer::parse(&text, &path.display().to_string())
     }
 

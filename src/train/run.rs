@@ -101,6 +101,12 @@ impl Run {
             0 if !folder.metrics().exists() => MetricsLog::create(folder.path(), &columns)?,
             rows => MetricsLog::resume(folder.path(), &columns, rows)?,
         };
+        if log.last() > Some(done) {
+            return Err(failed!(
+                "{} says that the run was beyond timestep {done}, where its checkpoint is: it is not the file of this run",
+                folder.metrics().display()
+            ));
+        }
         trainer.config.save(&folder.config())?;
         Ok(Run { held, ..Run::assemble(folder, trainer, pace, log) })
     }

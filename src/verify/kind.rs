@@ -9,7 +9,9 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use crate::base::error::{Error, Result};
+use crate::base::regular;
 use crate::nn::PolicyFile;
+use crate::recording;
 
 /// The kinds of file the program knows.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,7 +60,7 @@ impl FileKind {
             kind: Option<String>,
             episodes: Option<IgnoredAny>,
         }
-        let bytes = std::fs::read(path).map_err(|e| Error::open(path, e))?;
+        let bytes = regular::read(path, recording::LARGEST)?;
         let probe: Probe = serde_json::from_slice(&bytes)
             .map_err(|e| Error::io("read", path, format!("damaged JSON: {e}")))?;
         Ok(match probe {

@@ -224,7 +224,10 @@ pub fn await_sleeps(process: Pid, times: usize) {
 /// The directory of a swarm.
 pub fn root(tag: &str) -> PathBuf {
     let user = rustix::process::geteuid().as_raw();
-    PathBuf::from(format!("/tmp/vamaro-swarm-{user}")).join(tag)
+    let runtime =
+        std::env::var_os("XDG_RUNTIME_DIR").map(|folder| Path::new(&folder).join("vamaro-swarm").join(tag));
+    let in_tmp = PathBuf::from(format!("/tmp/vamaro-swarm-{user}")).join(tag);
+    runtime.filter(|root| root.exists()).unwrap_or(in_tmp)
 }
 
 /// The names of a swarm's shared memory.

@@ -7,8 +7,12 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::base::error::Result;
+use crate::base::regular;
 use crate::cli::{print, print_json, table};
 use crate::usage;
+
+/// The most bytes an earlier result may have.
+const LARGEST: u64 = 1 << 26;
 
 /// How a result is printed.
 #[derive(Debug, Args)]
@@ -77,8 +81,8 @@ impl Output {
 
 impl Earlier {
     fn read(path: &str) -> std::result::Result<Earlier, String> {
-        let text = std::fs::read_to_string(Path::new(path)).map_err(|e| format!("cannot read it: {e}"))?;
-        let result = serde_json::from_str(&text).map_err(|e| format!("it is no output of --json: {e}"))?;
+        let bytes = regular::read(Path::new(path), LARGEST).map_err(|e| e.to_string())?;
+        let result = serde_json::from_slice(&bytes).map_err(|e| format!("it is no output of --json: {e}"))?;
         Ok(Earlier { name: path.to_owned(), figures: figures(&result) })
     }
 

@@ -6,9 +6,16 @@ use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
 
 use crate::base::error::{Error, Result};
+use crate::base::regular;
 use crate::environment::Spec;
 use crate::nn::{ActorKind, Networks, PredictorSpec, Sharing, TensorSpec, key};
 use crate::train::{Backend, Batch, CriticInput, Ends, Estimator, Objective, PredictorSettings, Settings};
+
+/// The most bytes `config.json` may have.
+const LARGEST_CONFIG: u64 = 1 << 20;
+
+/// The most bytes an update may have.
+const LARGEST: u64 = 1 << 30;
 
 /// `config.json`.
 #[derive(Debug, Deserialize)]
@@ -51,7 +58,7 @@ struct PredictorConfig {
 
 impl Config {
     pub(super) fn read(file: &Path) -> Result<Config> {
-        let bytes = std::fs::read(file).map_err(|e| Error::io("read", file, e))?;
+        let bytes = regular::read(file, LARGEST_CONFIG)?;
         let config: Config = serde_json::from_slice(&bytes).map_err(|e| Error::io("read", file, e))?;
         let refuse = |what: String| Err(Error::io("verify", file, what));
         if config.adam_eps != 1e-8 {
@@ -113,7 +120,7 @@ pub(super) struct UpdateFile {
 
 impl UpdateFile {
     pub(super) fn read(path: PathBuf) -> Result<UpdateFile> {
-        let bytes = std::fs::read(&path).map_err(|e| Error::io("read", &path, e))?;
+        let bytes = regular::read(&path, LARGEST)?;
         Ok(UpdateFile { path, bytes })
     }
 
