@@ -18,8 +18,8 @@ pub struct Member<P: AgentPort> {
     identity: Header,
     mailbox: Mailbox<P::Sample>,
     sensor: Option<P::Sample>,
-    /// The tick of the last decision; ticks are counted from 1.
-    decided: u64,
+    /// The tick of the last decision.
+    decided: Option<u64>,
     /// That of world 0.
     episode: Option<u64>,
     /// How old what reached the agent is, `[worlds, agents]`.
@@ -55,7 +55,7 @@ impl<P: AgentPort> Member<P> {
             identity,
             mailbox,
             sensor: None,
-            decided: 0,
+            decided: None,
             episode: None,
             ages: Vec::new(),
         }
@@ -80,8 +80,11 @@ impl<P: AgentPort> Member<P> {
             if header.fits(Kind::Shutdown, swarm, 0) {
                 return Ok(Sensed::Shutdown);
             }
-            // It may be told again whom to wait for.
-            if header.fits(Kind::Sensor, swarm, words) && header.tick <= self.decided {
+            // It is told again whom to wait for, but has decided.
+            if header.fits(Kind::Sensor, swarm, words)
+                && header.incarnation > 0
+                && self.decided == Some(header.tick)
+            {
                 continue;
             }
             if !header.fits(Kind::Sensor, swarm, words)
@@ -130,7 +133,7 @@ impl<P: AgentPort> Member<P> {
         let sample = self.sensor.as_ref().expect("decide follows sense");
         let Header { episode, step, tick, worlds, .. } = *sample.header();
         let worlds = worlds as usize;
-        self.decided = tick;
+        self.decided = Some(tick);
         let sensor = self.layout.sensor(sample.words(), worlds);
         if step > 0 {
             self.agent.correct(episode, step - 1, sensor.carried_out)?;

@@ -41,7 +41,8 @@ pub struct Header {
     pub kind: u32,
     /// Which swarm this belongs to.
     pub swarm: u64,
-    /// How often the sender has been started in this swarm, from 0.
+    /// How often the sender has been started in this swarm, from 0. Of a sensor message: whether it is sent once more for the
+    /// same tick, because somebody was lost who need not be waited for any longer.
     pub incarnation: u32,
     /// Index of the sending agent; the supervisor counts as the agent it speaks to.
     pub sender: u32,

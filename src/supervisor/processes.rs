@@ -184,7 +184,7 @@ impl Processes {
     /// Everybody waits for everybody.
     fn tick_in_lockstep(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         let (began, answer) = (Instant::now(), self.conduct.deadlines.answer);
-        self.send_sensors(tick, 0)?;
+        self.send_sensors(tick, 0, false)?;
         // Who is lost by then leaves the others time to decide without it.
         let publish = answer * 4 / 5;
         self.await_present("publish an observation", tick, (began, publish), |swarm| {
@@ -201,7 +201,7 @@ impl Processes {
     /// Nobody waits for anybody: agents decide at the deadline, and when the period ends what has been decided is done.
     fn tick_in_real_time(&mut self, tick: &Tick, decisions: &mut Decisions, period: Period) -> Result<()> {
         self.wait_for_moment(period.begins_ns)?;
-        self.send_sensors(tick, period.deadline_ns)?;
+        self.send_sensors(tick, period.deadline_ns, false)?;
         self.wait_for_moment(period.ends_ns)?;
         if tick.step == 0 {
             decisions.actions.fill(0);
@@ -237,11 +237,12 @@ impl Processes {
         Ok(())
     }
 
-    pub(super) fn send_sensors(&mut self, tick: &Tick, deadline_ns: u64) -> Result<()> {
+    /// Sends all that are there their sensor messages, for the first time at this tick or `again`.
+    pub(super) fn send_sensors(&mut self, tick: &Tick, deadline_ns: u64, again: bool) -> Result<()> {
         let words = self.layout.sensor_words(tick.worlds);
         let absent = self.roster.absent();
         for agent in members_of(self.roster.present()) {
-            let header = Header { deadline_ns, absent, ..tick.header(words) };
+            let header = Header { deadline_ns, absent, incarnation: again.into(), ..tick.header(words) };
             let header = self.header(Kind::Sensor, agent, header);
             self.port.send_sensor(agent, header, |words| tick.write(agent, &self.layout, words))?;
         }

@@ -79,7 +79,7 @@ impl Processes {
         let awaited = self.await_all(what, began, longest, |swarm| {
             take(swarm)?;
             if swarm.lose_dead()? {
-                swarm.send_sensors(tick, 0)?;
+                swarm.send_sensors(tick, 0, true)?;
             }
             Ok(())
         });
@@ -88,7 +88,7 @@ impl Processes {
                 for agent in members_of(self.roster.present() & !self.answered) {
                     self.lose(agent, Loss::Hung(how.clone()))?;
                 }
-                self.send_sensors(tick, 0)
+                self.send_sensors(tick, 0, true)
             }
             awaited => awaited,
         }

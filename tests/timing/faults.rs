@@ -29,8 +29,10 @@ fn chaos_is_the_same_across_processes_and_within_one() {
         "--task spread-xy-4 --links gilbert(0.3,0.4)+delay(2,1) --imputer teammates",
         "--task hear-see --p 0.5 --imputer hold --no-comm-at-t0",
     ] {
-        let words = format!("spawn {words} --episodes 4 --audit --deadline 60s --json --chaos {CHAOS}");
-        let (across, within) = (json(&words), json(&format!("{words} --in-process")));
+        let calm = format!("spawn {words} --episodes 4 --audit --json");
+        let words = format!("{calm} --chaos {CHAOS}");
+        let (across, within) =
+            (json(&format!("{words} --deadline 60s")), json(&format!("{words} --in-process")));
         for what in
             ["return_mean", "delivery_rate", "imputation_rmse", "absent", "chaos", "audit", "delayed_rate"]
         {
@@ -40,7 +42,7 @@ fn chaos_is_the_same_across_processes_and_within_one() {
         let faults = &across["faults"];
         assert_eq!((&faults["deaths"], &faults["hangs"]), (&0.into(), &0.into()), "{words}");
         assert!(faults["restarts"].as_u64() <= across["chaos"]["kills"].as_u64());
-        let calm = json(&format!("{} --json --in-process", words.split(" --deadline").next().unwrap()));
+        let calm = json(&format!("{calm} --in-process"));
         assert_ne!(calm["return_mean"], within["return_mean"], "chaos changes something");
     }
 }
@@ -130,7 +132,7 @@ fn who_hangs_is_killed_at_the_deadline_and_replaced() {
     let statistics = play(&mut swarm, &mut session, Signal::STOP);
     let faults = swarm.faults();
     assert_eq!((faults.deaths, faults.hangs, faults.restarts), (0, 1, 1), "{:?}", faults.told);
-    assert!(faults.told[0].contains("agent-2 did not publish"), "{:?}", faults.told);
+    assert!(faults.told[0].starts_with("agent-2 did not"), "{:?}", faults.told);
     assert_eq!(statistics.absent(), 1, "the tick in which it hung");
 }
 
