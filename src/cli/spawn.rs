@@ -120,11 +120,10 @@ pub struct Spawn {
     #[arg(long, value_enum, value_name = "WHAT", conflicts_with = "in_process", help_heading = FAULTS)]
     on_failure: Option<OnFailure>,
 
-    /// How long an agent may take for a tick before it counts as hung and is killed, four fifths of it to
-    /// publish its observation; with --rate how long it may miss ticks
-    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration,
-        conflicts_with = "in_process", help_heading = FAULTS)]
-    deadline: Duration,
+    /// How long an agent may take for a tick before it counts as hung and is killed, four fifths of it to publish its
+    /// observation; with --rate how long it may miss ticks [default: 1s, and 1ms for each agent in each world]
+    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "in_process", help_heading = FAULTS)]
+    deadline: Option<Duration>,
 
     /// Kill and stop agents on purpose: with this probability at each tick and for so long, such as
     /// 'kill=0.01:500ms, stop=0.005:200ms'. A killed agent returns without memory, a stopped one goes on. In lockstep the
@@ -200,7 +199,7 @@ impl Spawn {
         let played = if self.in_process {
             self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder)?
         } else {
-            let mut team = Processes::start(&settings, &policy, self.conduct(scheduling)?)?;
+            let mut team = Processes::start(&settings, &policy, self.conduct(&settings, scheduling)?)?;
             summary.scheduling = team.grants().cloned();
             if self.wait == Wait::Spin && task.spec().n_agents() >= cores() {
                 tell(&format!(
@@ -234,7 +233,7 @@ impl Spawn {
         }
     }
 
-    fn conduct(&self, scheduling: Scheduling) -> Result<Conduct> {
+    fn conduct(&self, settings: &AgentSettings, scheduling: Scheduling) -> Result<Conduct> {
         // Where every tick is looked at, none may be without an agent unnoticed.
         let exact = self.audit || self.record.is_some();
         let usual = if exact { OnFailure::Abort } else { OnFailure::Restart };
@@ -242,12 +241,15 @@ impl Spawn {
         if self.record.is_some() && on_failure != OnFailure::Abort {
             return Err(usage!("--record needs --on-failure abort: a trace cannot say who was absent"));
         }
+        // Ten times what an agent computes in a world, on one core for all of them.
+        let rows = settings.spec.n_agents() * settings.worlds;
+        let answer = self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64));
         Ok(Conduct {
             wait: self.wait,
             rate: self.rate,
             scheduling,
             on_failure,
-            deadlines: Deadlines { answer: self.deadline, ..Deadlines::default() },
+            deadlines: Deadlines { answer, ..Deadlines::default() },
             command: None,
         })
     }
