@@ -24,14 +24,15 @@ Examples:
   vamaro-swarm fit runs/hs-0 --imputers dynamics,acting --updates 3000
   vamaro-swarm fit runs/hs-0 --physics damping=0.3 --out hs-damped.safetensors
 
-For `dynamics`, agents act at random, everything is observed, and the law of motion is fitted to
-that: the share of its velocity that a body keeps, what each action adds, how far a step moves, and
-how agents push each other. With --physics it is fitted to other physics than the policy was trained
-with.
-Any other name is that of a new predictor, an LSTM that also sees its agent's own action. It
-learns in closed loop: it imputes for the policy's agents while links deliver with a probability
-drawn for each episode. The policy's own weights stay as they are. The same command continues a
-fit that was interrupted or killed; the result is bit-identical.")]
+For `dynamics`, agents act at random, everything is observed, and the law of
+motion is fitted to that: the share of its velocity that a body keeps, what each
+action adds, how far a step moves, and how agents push each other. With
+--physics it is fitted to other physics than the policy was trained with.
+Any other name is that of a new predictor, an LSTM that also sees its agent's
+own action. It learns in closed loop: it imputes for the policy's agents while
+links deliver with a probability drawn for each episode. The policy's own
+weights stay as they are. The same command continues a fit that was interrupted
+or killed; the result is bit-identical.")]
 pub struct Fit {
     /// A policy file, or the folder of a training run
     #[arg(value_name = "FILE|DIR")]

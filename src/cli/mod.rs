@@ -52,8 +52,8 @@ Examples:
   vamaro-swarm tasks                        list the tasks
   vamaro-swarm doctor                       is this machine ready?
 
-Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 3 a requirement
-is not met, 130 interrupted.";
+Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 3 a
+requirement is not met, 130 interrupted.";
 
 #[derive(Debug, Subcommand)]
 enum Command {

@@ -22,8 +22,9 @@ Examples:
   vamaro-swarm plot runs/hs-0 --out - > curves.svg
   vamaro-swarm plot runs/hs-0 --paper                 writes runs/hs-0/curves.pdf
 
-One panel per level p of communication, one line per predictor: the mean return of the tests.
-Runs that are still training can be plotted too. Open the file in a browser.")]
+One panel per level p of communication, one line per predictor: the mean return
+of the tests. Runs that are still training can be plotted too. Open the file in
+a browser.")]
 pub struct Plot {
     /// Folders of runs of one task (each with a metrics.csv), or metrics files
     #[arg(required = true, value_name = "RUN")]

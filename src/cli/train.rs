@@ -132,8 +132,9 @@ Examples:
   vamaro-swarm train --algorithm ippo --set learning_rate=3e-4 --set share_actors=true --dry-run
   vamaro-swarm spawn --task hear-see --policy runs/hs-0 --p 0.2
 
-A run may be interrupted or killed: with --resume it is bit-identical to an uninterrupted run. A job that
-a script puts in the background ignores SIGINT (Ctrl-C); stop it with SIGTERM.";
+A run may be interrupted or killed: with --resume it is bit-identical to an
+uninterrupted run. A job that a script puts in the background ignores SIGINT
+(Ctrl-C); stop it with SIGTERM.";
 
 impl Train {
     /// Runs the command.

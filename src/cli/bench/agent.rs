@@ -26,11 +26,13 @@ Examples:
   vamaro-swarm bench agent
   vamaro-swarm bench agent --task hear-see --seconds 2 --json
 
-An agent with the paper's networks, with an MLP and with a GRU as actor, on one thread, in one world
-and in ten. A decision is fuse and act; predict comes after it: the predictor, and the part of a
-GRU's next step that depends on its state alone. All observations are delivered. For comparison the
-weights of each are read once, and candle computes the same networks, with the whole actor in one
-piece. Each figure is the median of all calls; everything is measured in turn, three times.")]
+An agent with the paper's networks, with an MLP and with a GRU as actor, on one
+thread, in one world and in ten. A decision is fuse and act; predict comes after
+it: the predictor, and the part of a GRU's next step that depends on its state
+alone. All observations are delivered. For comparison the weights of each are
+read once, and candle computes the same networks, with the whole actor in one
+piece. Each figure is the median of all calls; everything is measured in turn,
+three times.")]
 pub struct BenchAgent {
     /// The task
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]

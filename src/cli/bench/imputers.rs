@@ -25,10 +25,11 @@ Examples:
   vamaro-swarm bench imputers
   vamaro-swarm bench imputers --task hear-see --imputers value-aware,dynamics --json
 
-One agent of the built-in policy, on one thread in one world, receives nothing. A decision is fuse
-(the imputer) and the actor; predict comes after the action is out. The multiply-adds are those of
-the networks that the imputer runs in a tick. Each figure is the median of all calls; everything is
-measured in turn, three times.")]
+One agent of the built-in policy, on one thread in one world, receives nothing.
+A decision is fuse (the imputer) and the actor; predict comes after the action
+is out. The multiply-adds are those of the networks that the imputer runs in a
+tick. Each figure is the median of all calls; everything is measured in turn,
+three times.")]
 pub struct BenchImputers {
     /// The task
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]

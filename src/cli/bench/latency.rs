@@ -28,14 +28,16 @@ Examples:
   vamaro-swarm bench latency --agents 2,4 --payloads 64,4096 --wait spin
   vamaro-swarm bench latency --seconds 2 --json > latency.json
 
-Hop: the time between two processes, from all bytes of a message being in place until the receiver
-has access to them. `whole` also counts making room for the message, writing every byte, and reading
-every byte. If each process can have a core of its own, they are pinned.
-Tick: from the first sensor message sent to the last action received. `bare` is the same pattern
-over plain iceoryx2 by agents without networks; `needed` is a bare tick plus the decisions, shared
-among the cores. Decision: from having received everything to publishing the action, with its parts.
-Age: of a peer's observation, when a policy uses it. The agents have the paper's networks for
-spread-blindfold. An overrun takes longer than a millisecond.")]
+Hop: the time between two processes, from all bytes of a message being in place
+until the receiver has access to them. `whole` also counts making room for the
+message, writing every byte, and reading every byte. If each process can have a
+core of its own, they are pinned.
+Tick: from the first sensor message sent to the last action received. `bare` is
+the same pattern over plain iceoryx2 by agents without networks; `needed` is a
+bare tick plus the decisions, shared among the cores. Decision: from having
+received everything to publishing the action, with its parts.
+Age: of a peer's observation, when a policy uses it. The agents have the paper's
+networks for spread-blindfold. An overrun takes longer than a millisecond.")]
 pub struct BenchLatency {
     /// Sizes of teams
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,4,8,12",

@@ -28,13 +28,15 @@ Examples:
   vamaro-swarm bench rate --svg rate.svg
   vamaro-swarm bench rate --tasks hear-see --p 0.2 --rates 50,100,200 --episodes 400 --json
 
-The built-in policies play the same episodes with the same links in lockstep and at each rate.
-Lost: how much lower the return is than in lockstep, mean over the episodes with its 95 % interval.
-Late: share of observations that links delivered but agents did not have at the deadline, among
-those sent to agents that decided in time. Missed: share of decisions that were not out when the
-period ended; the last action was repeated. Left out: share of periods whose deadline passed before
-they could begin; the worlds stand still in them, so the rate reached is below the rate asked for.
-Acts: how long after the deadline actions were out, for those in time.")]
+The built-in policies play the same episodes with the same links in lockstep and
+at each rate. Lost: how much lower the return is than in lockstep, mean over the
+episodes with its 95 % interval. Late: share of observations that links
+delivered but agents did not have at the deadline, among those sent to agents
+that decided in time. Missed: share of decisions that were not out when the
+period ended; the last action was repeated. Left out: share of periods whose
+deadline passed before they could begin; the worlds stand still in them, so the
+rate reached is below the rate asked for. Acts: how long after the deadline
+actions were out, for those in time.")]
 pub struct BenchRate {
     /// Tasks, by id or alias
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "hear-see,spread-xy-4")]

@@ -22,13 +22,14 @@ Examples:
   vamaro-swarm bench spawn
   vamaro-swarm bench spawn --agents 4,16 --worlds 1,10,100 --wait spin --json
 
-Agents are processes with the paper's networks for spread-blindfold. Start is the time from
-reading the policy file to the end of the first tick, the median of three. Memory is the mean over
-the agents after playing: all pages (RSS), pages divided among the processes that share them (PSS),
-and pages of one agent alone (private). A tick goes from the first sensor message to the last
-decision; its median counts. More worlds mean larger messages and longer decisions; the effect of
-messages alone is measured with four agents without networks, over plain iceoryx2. Exponents are
-those of the best-fitting power laws.")]
+Agents are processes with the paper's networks for spread-blindfold. Start is
+the time from reading the policy file to the end of the first tick, the median
+of three. Memory is the mean over the agents after playing: all pages (RSS),
+pages divided among the processes that share them (PSS), and pages of one agent
+alone (private). A tick goes from the first sensor message to the last decision;
+its median counts. More worlds mean larger messages and longer decisions; the
+effect of messages alone is measured with four agents without networks, over
+plain iceoryx2. Exponents are those of the best-fitting power laws.")]
 pub struct BenchSpawn {
     /// Sizes of teams, each in one world
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,4,8,16,32,64",

@@ -20,9 +20,10 @@ Examples:
   vamaro-swarm bench train
   vamaro-swarm bench train --tasks spread-xy-12 --seconds 10 --json
 
-Each figure is the median over the rounds; each round measures everything in turn. The time
-includes rollouts by agent processes, and updates of the policy and the value-aware predictor.
-What another predictor and the tests add is listed separately.")]
+Each figure is the median over the rounds; each round measures everything in
+turn. The time includes rollouts by agent processes, and updates of the policy
+and the value-aware predictor. What another predictor and the tests add is
+listed separately.")]
 pub struct BenchTrain {
     /// Tasks to train; by default one of each of the paper's settings
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "hear-see,spread-xy-4")]
