@@ -104,7 +104,7 @@ impl Swarm {
         let played = catch_unwind(AssertUnwindSafe(|| match agents {
             Agents::Processes(team) => session.play(&mut **team, end, &mut all),
             Agents::Here(team) => session.play(&mut **team, end, &mut all),
-            Agents::Gone => Err(failed!("this swarm was taken down after a failure; build another one")),
+            Agents::Gone => Err(failed!("this swarm was shut down after a failure; build another one")),
         }));
         let played = played.unwrap_or_else(|panic| Err(Error::outside(words_of(&*panic))));
         if played.is_err() {

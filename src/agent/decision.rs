@@ -250,7 +250,10 @@ impl Agent {
         if carried_out.len() != self.actions.len()
             || !carried_out.iter().all(|action| space.contains(std::slice::from_ref(action)))
         {
-            return Err(failed!("agent-{} is told that it did {carried_out:?}, which it cannot", self.index));
+            return Err(failed!(
+                "agent-{} is told that it did {carried_out:?}, which is not one of its actions",
+                self.index
+            ));
         }
         self.actions.copy_from_slice(carried_out);
         if self.has_predicted {

@@ -70,7 +70,9 @@ impl PolicySource {
             }
             PolicySource::File(path) => Policy::open(path, &dims(spec)),
             PolicySource::Copy(path) => Policy::open_copy(path, &dims(spec)),
-            PolicySource::Training => Err(failed!("a policy in training cannot be loaded, only handed over")),
+            PolicySource::Training => {
+                Err(failed!("a policy in training cannot be loaded from a file, only passed on"))
+            }
         }
     }
 }

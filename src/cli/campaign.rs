@@ -114,7 +114,7 @@ impl Campaign {
         if failed.is_empty() {
             Ok(())
         } else {
-            Err(failed!("these seeds have failed, as said above: {}", failed.join(", ")))
+            Err(failed!("these seeds failed (see the messages above): {}", failed.join(", ")))
         }
     }
 

@@ -14,7 +14,7 @@ use crate::failed;
 use crate::supervisor::check_shared_memory;
 use crate::train::{Config, Layer, Preset};
 
-/// Tell whether this machine is ready, and clean up after dead swarms
+/// Check whether this machine is ready, and clean up after dead swarms
 #[derive(Debug, Args)]
 pub struct Doctor {
     /// Remove what dead swarms have left behind

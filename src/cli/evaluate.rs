@@ -19,16 +19,16 @@ use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
 use crate::usage;
 
-/// Measure how robust frozen policies are to links that fail
+/// Measure how robust frozen policies are to failing links
 #[derive(Debug, Args)]
 #[command(after_help = after_help())]
 pub struct Evaluate {
-    /// Policies: files, folders with policy.safetensors, pretrained ones by name in a checkout (such as
-    /// hear-see/seed-1), or builtin. Those of one task that were trained alike count as seeds
+    /// Policies: files, folders with policy.safetensors, in a checkout names of pretrained ones (such as
+    /// hear-see/seed-1), or builtin. Policies of one task that were trained alike count as seeds
     #[arg(required = true, value_name = "POLICY")]
     policies: Vec<String>,
 
-    /// Task that all policies must be for; needed for builtin
+    /// The task of all policies; needed for builtin
     #[arg(long, value_name = "T")]
     task: Option<String>,
 
@@ -42,34 +42,34 @@ pub struct Evaluate {
     )]
     levels: Vec<String>,
 
-    /// Links that differ: uniform (one p per episode), asymmetric (a matrix per episode), dynamic (a matrix
+    /// Links without one fixed p: uniform (one p per episode), asymmetric (a matrix per episode), dynamic (a matrix
     /// per 5 steps) [default: none]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     modes: Vec<String>,
 
-    /// Any links, listed below, as one more condition; may be given several times
+    /// Any links, listed below, as an additional condition; may be given several times
     #[arg(long, value_name = "LINKS|FILE")]
     links: Vec<String>,
 
-    /// Kill and stop agents on purpose, as `spawn --chaos` does, as one more condition: where everything is delivered, or with
-    /// ` at ` and links behind it, such as 'kill=0.01 at p=0.2'; may be given several times
+    /// Kill and stop agents on purpose, as `spawn --chaos` does, as an additional condition. Everything is delivered
+    /// unless links follow after ` at `, such as 'kill=0.01 at p=0.2'; may be given several times
     #[arg(long, value_name = "CHAOS[ at LINKS]")]
     chaos: Vec<String>,
 
-    #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy supports but particles and shared-dice"))]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy supports, except particles and shared-dice"))]
     imputers: Vec<String>,
 
-    /// Beside each imputer, an oracle that is told a part of the truth: how much of the loss is due to not knowing the
-    /// state of the agent itself (own), of other agents (others), of no agent (constants: landmarks, colours, messages) or
-    /// of agent K (agent:K); may be given several times
+    /// Also play each imputer with an oracle that knows a part of the truth, to see how much of the loss is due to not
+    /// knowing it: the state of the agent itself (own), of the other agents (others), of agent K (agent:K), or what is
+    /// no agent's state (constants: landmarks, colours, messages); may be given several times
     #[arg(long, value_name = "own|others|constants|agent:K")]
     substitute: Vec<Truth>,
 
-    /// The imputer that others are compared with [default: maro where there is one, else hold]
+    /// The imputer that the others are compared with [default: maro if played, else hold]
     #[arg(long, value_name = "NAME")]
     baseline: Option<String>,
 
-    /// Episodes of every cell, a cell being a policy at a level with an imputer [default: 1000]
+    /// Episodes per cell; a cell is one policy under one condition with one imputer [default: 1000]
     #[arg(long, value_name = "E", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     episodes: Option<u64>,
 
@@ -81,7 +81,7 @@ pub struct Evaluate {
     #[arg(long, value_enum, conflicts_with_all = ["episodes", "greedy"])]
     protocol: Option<Protocol>,
 
-    /// Lose observations at t = 0 too; by default everything is delivered once when an episode starts
+    /// Lose observations at t = 0 too; by default everything is delivered when an episode starts
     #[arg(long)]
     no_comm_at_t0: bool,
 
@@ -92,12 +92,12 @@ pub struct Evaluate {
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
 
-    /// Folder for report.html, figures, results.json, CSV and the finished cells, with which the same command
-    /// goes on after an interruption
+    /// Folder for report.html, figures, results.json, CSV and the finished cells; after an interruption the same
+    /// command continues from these
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
 
-    /// With --report: figures also as PDF for a column of a paper (252 pt wide, text of 8 pt in Helvetica)
+    /// With --report: figures also as PDF, sized for a column of a paper (252 pt wide, text of 8 pt in Helvetica)
     #[arg(long, requires = "report")]
     paper: bool,
 
@@ -110,11 +110,11 @@ pub struct Evaluate {
     #[arg(long)]
     json: bool,
 
-    /// Episodes that are played side by side; one message carries the observations of all of them
+    /// Episodes played in parallel; one message carries the observations of all of them
     #[arg(long, value_name = "W", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=4096))]
     worlds: u32,
 
-    /// Run the same agents without processes, several cells at once; same results, bit for bit
+    /// Run the same agents in this process, several cells at once; the results are bit-identical
     #[arg(long)]
     in_process: bool,
 
@@ -190,7 +190,7 @@ impl Evaluate {
             print(&report::text(&summary))?;
         }
         if let Some(folder) = &self.report {
-            tell(&format!("wrote {}, and the same for programs", folder.join("report.html").display()));
+            tell(&format!("wrote {}, and the same as JSON and CSV", folder.join("report.html").display()));
         }
         Ok(summary)
     }
@@ -199,7 +199,7 @@ impl Evaluate {
     fn sweep(&self) -> Result<Sweep> {
         for (at, truth) in self.substitute.iter().enumerate() {
             if self.substitute[..at].contains(truth) {
-                return Err(usage!("--substitute: {truth} is there twice"));
+                return Err(usage!("--substitute: {truth} is given twice"));
             }
         }
         let task = self.task.as_deref().map(Task::parse).transpose()?;
@@ -219,7 +219,7 @@ impl Evaluate {
         if let Some(truth) = self.substitute.first()
             && !conditions.iter().any(Condition::is_lossless)
         {
-            return Err(usage!("--substitute {truth}: a loss is measured against p = 1, add it to --levels"));
+            return Err(usage!("--substitute {truth}: a loss is measured against p = 1; add 1 to --levels"));
         }
         let episodes = match self.protocol {
             Some(Protocol::Paper) => 100,
@@ -249,11 +249,11 @@ impl Evaluate {
         let level = |text: &String| {
             let p = text.trim().trim_start_matches("p=").parse().ok();
             let level = p.and_then(|p| Condition::level(p).ok());
-            level.ok_or_else(|| usage!("--levels: {text:?} is no probability between 0 and 1"))
+            level.ok_or_else(|| usage!("--levels: {text:?} is not a probability between 0 and 1"))
         };
         let mode = |text: &String| match text.trim() {
             mode @ ("uniform" | "asymmetric" | "dynamic") => Condition::parse(mode, 1),
-            _ => Err(usage!("--modes: {text:?} is none of uniform, asymmetric and dynamic")),
+            _ => Err(usage!("--modes: {text:?} is not one of uniform, asymmetric and dynamic")),
         };
         // A matrix is for teams of one size.
         let for_all = |text: &str, parse: fn(&str, usize) -> Result<Condition>| {
@@ -269,7 +269,7 @@ impl Evaluate {
         for (option, condition) in all {
             let condition = condition?;
             if conditions.contains(&condition) {
-                return Err(usage!("{option}: {condition} is there twice"));
+                return Err(usage!("{option}: {condition} is given twice"));
             }
             conditions.push(condition);
         }
@@ -289,7 +289,7 @@ impl Evaluate {
                 }
             }
             (_, Some(task)) => task.clone(),
-            (_, None) => return Err(usage!("{name}: for which task? Say so with --task")),
+            (_, None) => return Err(usage!("{name}: for which task? Name it with --task")),
         };
         let policy = source.load(task.spec())?;
         let imputers = self.imputers_of(&policy, &task).map_err(|error| usage!("{name}: {error}"))?;
@@ -316,7 +316,7 @@ impl Evaluate {
         for name in &self.imputers {
             let imputer = registry.choose(Some(name.trim()), policy)?;
             if imputers.contains(&imputer) {
-                return Err(usage!("--imputers: {name} is there twice"));
+                return Err(usage!("--imputers: {name} is given twice"));
             }
             imputers.push(imputer);
         }
@@ -330,7 +330,7 @@ impl Evaluate {
         if sweep.entrants.iter().any(played) {
             Ok(vec![name])
         } else {
-            Err(usage!("--baseline {name}: no policy is played with this imputer; see --imputers"))
+            Err(usage!("--baseline {name}: no policy is played with this imputer; add it to --imputers"))
         }
     }
 
@@ -345,10 +345,10 @@ impl Evaluate {
                 return Err(wrong(format!("{} is not played", requirement.condition)));
             }
             if requirement.needs_lossless() && !sweep.conditions.iter().any(Condition::is_lossless) {
-                return Err(wrong("a score needs p = 1, add it to --levels".to_owned()));
+                return Err(wrong("a score needs p = 1; add 1 to --levels".to_owned()));
             }
             if sweep.settings.episodes < FEWEST_EPISODES {
-                let why = "intervals of so few episodes are too narrow to rely on, play at least";
+                let why = "intervals over so few episodes are too narrow to rely on; play at least";
                 return Err(wrong(format!("{why} {FEWEST_EPISODES}")));
             }
             let by_itself = |entrant: &Entrant| Registry::default().choose(None, &entrant.policy);
@@ -360,12 +360,13 @@ impl Evaluate {
                 };
                 if !entrant.plays(&name) {
                     let policy = &entrant.contender.name;
-                    return Err(wrong(format!("{policy} is not played with {name}; see --imputers")));
+                    return Err(wrong(format!("{policy} is not played with {name}; add it to --imputers")));
                 }
                 names.push(name);
             }
             if names.iter().any(|name| *name != names[0]) {
-                let why = "by themselves these policies use different imputers; name one, as in 'p=0.2 imputer=hold ..'";
+                let why =
+                    "the default imputers of these policies differ; name one, as in 'p=0.2 imputer=hold ..'";
                 return Err(wrong(why.to_owned()));
             }
             Ok(Requirement { imputer: names.into_iter().next(), ..requirement })
@@ -377,9 +378,9 @@ impl Evaluate {
     fn where_it_stands(&self, error: Error) -> Error {
         match (&error, &self.report) {
             (Error::Interrupted(_), Some(folder)) => error
-                .and(format!("finished cells are kept in {}, the same command goes on", folder.display())),
+                .and(format!("finished cells are kept in {}; the same command continues", folder.display())),
             (Error::Interrupted(_), None) => {
-                error.and("with --report DIR finished cells would be kept".to_owned())
+                error.and("with --report DIR, finished cells would be kept".to_owned())
             }
             (_, Some(folder)) => error.and(format!("finished cells are kept in {}", folder.display())),
             (_, None) => error,

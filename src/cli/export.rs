@@ -11,14 +11,14 @@ use crate::environment::Task;
 use crate::nn::PolicyFile;
 use crate::usage;
 
-/// Write a policy in half precision, for keeping: half the size
+/// Write a policy in half precision, to archive it in half the size
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm export runs/hs-0 --out policies/hear-see.safetensors
 
-Weights are rounded to f16; networks run on f32 all the same, and `spawn` shows no difference in the
-returns. Everything that reads policies reads such a file.")]
+Weights are rounded to f16; networks still run on f32, and `spawn` shows no
+difference in the returns. Every command that reads policies reads such a file.")]
 pub struct Export {
     /// A policy file, or the folder of a training run
     #[arg(value_name = "FILE|DIR")]
@@ -34,7 +34,7 @@ impl Export {
     pub fn run(self) -> Result<()> {
         let source = policy_source(&self.policy, 0)?;
         let PolicySource::File(path) = &source else {
-            return Err(usage!("{} is no file; export a policy file, or the folder of a run", self.policy));
+            return Err(usage!("{} is not a file; give a policy file, or the folder of a run", self.policy));
         };
         let task = Task::parse(&PolicyFile::read(path)?.meta.task)?;
         let policy = source.load(task.spec())?;

@@ -15,7 +15,7 @@ use crate::supervisor::signals;
 use crate::train::{FitSettings, PredictorLosses, fit_predictor};
 use crate::usage;
 
-/// Fit imputers to a policy that is not trained any more, and write them beside its weights
+/// Fit imputers to a frozen policy, and write them to its file
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -24,14 +24,15 @@ Examples:
   vamaro-swarm fit runs/hs-0 --imputers dynamics,acting --updates 3000
   vamaro-swarm fit runs/hs-0 --physics damping=0.3 --out hs-damped.safetensors
 
-For `dynamics`, agents act at random in the first episodes of the seed, everything is seen, and
-how bodies move is fitted to that: what of its velocity a body keeps, what each action adds, how
-far a step moves, and how agents push each other. With --physics, this is that of other physics
-than the policy was trained in.
-Any other name is that of a new predictor, an LSTM that also sees its agent's own action. It
-learns in closed loop: it imputes for the policy's agents while links deliver with a probability
-drawn for each episode. The policy's own weights stay as they are. The same command goes on with a
-fit that was interrupted or killed; the result is bit-identical.")]
+For `dynamics`, agents act at random, everything is observed, and the law of
+motion is fitted to that: the share of its velocity that a body keeps, what each
+action adds, how far a step moves, and how agents push each other. With
+--physics it is fitted to other physics than the policy was trained with.
+Any other name is that of a new predictor, an LSTM that also sees its agent's
+own action. It learns in closed loop: it imputes for the policy's agents while
+links deliver with a probability drawn for each episode. The policy's own
+weights stay as they are. The same command continues a fit that was interrupted
+or killed; the result is bit-identical.")]
 pub struct Fit {
     /// A policy file, or the folder of a training run
     #[arg(value_name = "FILE|DIR")]
@@ -52,7 +53,7 @@ pub struct Fit {
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     episodes: u64,
 
-    /// How often to update a new predictor, on 32 episodes each time
+    /// Updates of a new predictor, on 32 episodes each
     #[arg(long, value_name = "N", default_value_t = FitSettings::default().updates,
           value_parser = clap::value_parser!(u64).range(1..))]
     updates: u64,
@@ -74,21 +75,21 @@ impl Fit {
         signals::install()?;
         let source = policy_source(&self.policy, 0)?;
         let PolicySource::File(path) = &source else {
-            return Err(usage!("{} is no file; fit a policy file, or the folder of a run", self.policy));
+            return Err(usage!("{} is not a file; give a policy file, or the folder of a run", self.policy));
         };
         let file = PolicyFile::read(path)?;
         let task = Task::parse(&file.meta.task)?.with_physics(self.physics)?;
         let mut policy = source.load(task.spec())?;
         if self.out.is_none() && !self.physics.is_default() {
             return Err(usage!(
-                "--physics needs --out: what is fitted to other physics does not belong into {}",
+                "--physics needs --out: dynamics of other physics do not belong in {}",
                 path.display()
             ));
         }
         let out = self.out.as_ref().unwrap_or(path);
         if out.exists() && PolicyFile::read(out).is_err() {
             return Err(usage!(
-                "--out: {} is there already, and no policy file; choose another",
+                "--out: {} already exists and is not a policy file; choose another",
                 out.display()
             ));
         }
@@ -131,7 +132,9 @@ impl Fit {
 
     fn teach(&self, policy: &Policy, task: &Task, name: &str, unfinished: &Path) -> Result<Policy> {
         if policy.predictor(name).is_some() {
-            return Err(usage!("--imputers: the policy has a predictor `{name}`; choose another name"));
+            return Err(usage!(
+                "--imputers: the policy already has a predictor `{name}`; choose another name"
+            ));
         }
         let settings = FitSettings { updates: self.updates, seed: self.seed, ..FitSettings::default() };
         let (began, mut told) = (Instant::now(), Instant::now());
@@ -146,7 +149,7 @@ impl Fit {
         };
         let spec = PredictorSpec::acting(name);
         let left =
-            || format!("{} holds what has been learned; the same command goes on", unfinished.display());
+            || format!("{} holds what has been learned; the same command continues", unfinished.display());
         let taught = fit_predictor(policy, task, &spec, &settings, unfinished, progress);
         let taught = taught.map_err(|error| if unfinished.exists() { error.and(left()) } else { error })?;
         let seconds = began.elapsed().as_secs_f64();
@@ -165,7 +168,7 @@ fn words(fitted: &Fitted) -> String {
             "{:.4} m/s in a step for each metre nearer than {:.4} m, from {contacts} touches",
             contact.stiffness, contact.distance
         ),
-        None => format!("none fitted: {contacts} touches were seen; the imputer does without"),
+        None => format!("none fitted ({contacts} touches were seen); the imputer ignores contacts"),
     };
     format!(
         "velocity    {keep:.4} of it stays after a step; median error {velocity_error:.1e} m/s\n\

@@ -11,7 +11,7 @@ use crate::environment::Task;
 use crate::nn::{Meta, import};
 use crate::usage;
 
-/// Turn a policy of the paper's published code (PyTorch state dicts) into a policy file
+/// Convert a policy of the paper's published code (PyTorch state dicts) to a policy file
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

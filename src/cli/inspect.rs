@@ -13,7 +13,7 @@ use crate::train::{Checkpoint, Progress};
 use crate::usage;
 use crate::verify::FileKind;
 
-/// Say what a policy, checkpoint, trace or recording holds
+/// Show what a policy, checkpoint, trace or recording holds
 #[derive(Debug, Args)]
 pub struct Inspect {
     /// A policy file or checkpoint (.safetensors), a trace or recording (.json), or the folder of a training run
@@ -33,7 +33,7 @@ impl Inspect {
             },
             FileKind::Recording => inspect_recording(file),
             FileKind::StateDict => Err(usage!(
-                "{} is a state dict of PyTorch; `vamaro-swarm import` makes a policy file of it",
+                "{} is a PyTorch state dict; `vamaro-swarm import` converts it to a policy file",
                 file.display()
             )),
             FileKind::Updates | FileKind::Json(_) | FileKind::Unknown => {
@@ -115,7 +115,7 @@ fn inspect_recording(path: &Path) -> Result<()> {
         0..=MOST_ROWS => String::new(),
         all => format!("and {} more\n", all - MOST_ROWS),
     };
-    let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "not said".to_owned());
+    let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "unknown".to_owned());
     print(&format!(
         "{} of {}{}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
          policy      {}\n\n{rows}{more}",

@@ -14,7 +14,7 @@ use crate::base::file::AtomicFile;
 Examples:
   vamaro-swarm man ~/.local/share/man/man1     then: man vamaro-swarm-spawn")]
 pub struct Man {
-    /// The folder to write them to; made if it is not there
+    /// The folder to write them to; created if missing
     #[arg(value_name = "DIR")]
     folder: PathBuf,
 }

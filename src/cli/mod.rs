@@ -35,7 +35,7 @@ use crate::latency::peer::PeerSettings;
 use crate::latency::serve;
 use crate::usage;
 
-/// Swarms of agents as processes that share observations through memory, over links that fail
+/// Swarms of agents: every agent is a process, observations travel through shared memory, and links fail
 #[derive(Debug, Parser)]
 #[command(name = "vamaro-swarm", version, arg_required_else_help = true, after_help = AFTER_HELP)]
 pub struct Cli {
@@ -47,39 +47,39 @@ const AFTER_HELP: &str = "\
 Examples:
   vamaro-swarm spawn --agents 4 --p 0.2     a trained team of four whose links deliver 20 %
   vamaro-swarm spawn --task hear-see --links dynamic --json
-  vamaro-swarm train --task hear-see        teach a team of your own
-  vamaro-swarm evaluate runs/hs-0           how does it do as its links fail?
-  vamaro-swarm tasks                        what there is to play
+  vamaro-swarm train --task hear-see        train a team of your own
+  vamaro-swarm evaluate runs/hs-0           how robust is it to failing links?
+  vamaro-swarm tasks                        list the tasks
   vamaro-swarm doctor                       is this machine ready?
 
-Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 3 a requirement
-is not met, 130 interrupted.";
+Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 3 a
+requirement is not met, 130 interrupted.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Start a swarm, play episodes, and say how the team did
+    /// Start a swarm, play episodes, and report how the team did
     Spawn(spawn::Spawn),
-    /// Teach a team: MAPPO or IPPO, and predictors beside it
+    /// Train a team with MAPPO or IPPO, and predictors alongside it
     Train(Box<train::Train>),
-    /// Measure how robust frozen policies are to links that fail
+    /// Measure how robust frozen policies are to failing links
     Evaluate(evaluate::Evaluate),
     /// List the tasks: ids, aliases, team sizes, dimensions
     Tasks(tasks::Tasks),
-    /// Turn a policy of the paper's published code into a policy file
+    /// Convert a policy of the paper's published code to a policy file
     Import(import::Import),
-    /// Write a policy in half precision, for keeping
+    /// Write a policy in half precision, to archive it
     Export(export::Export),
-    /// Fit imputers to a policy that is not trained any more
+    /// Fit imputers to a frozen policy
     Fit(fit::Fit),
-    /// Say what a policy, checkpoint, trace or recording holds
+    /// Show what a policy, checkpoint, trace or recording holds
     Inspect(inspect::Inspect),
-    /// Recompute recordings, traces and updates and compare
+    /// Recompute recordings, traces and updates, and compare
     Verify(verify::Verify),
     /// Draw the learning curves of training runs
     Plot(plot::Plot),
-    /// Measure what this machine reaches
+    /// Measure how fast this program is on this machine
     Bench(bench::Bench),
-    /// Tell whether this machine is ready, and clean up after dead swarms
+    /// Check whether this machine is ready, and clean up after dead swarms
     Doctor(doctor::Doctor),
     /// Print completions for a shell
     Completions {
@@ -88,13 +88,13 @@ enum Command {
     },
     /// Write man pages, one for each command
     Man(man::Man),
-    /// Run one agent; the supervisor starts these
+    /// Run one agent (started by the supervisor)
     #[command(hide = true)]
     Agent {
         /// Settings as JSON
         settings: String,
     },
-    /// Be the other side of a measurement; `bench latency` starts these
+    /// Be the other side of a measurement (started by `bench latency`)
     #[command(hide = true)]
     Peer {
         /// Settings as JSON
@@ -224,8 +224,8 @@ fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
         usage!("{name} holds a policy of the paper's code; run `vamaro-swarm import {name}` first")
     } else {
         usage!(
-            "there is no policy {}; give a file, a folder, `builtin`, `untrained`, or one of agents/pretrained by \
-             its name, such as hear-see/seed-1, in a checkout",
+            "there is no policy {}; give a file, a folder, `builtin`, `untrained`, or, in a checkout, the name of one \
+             in agents/pretrained, such as hear-see/seed-1",
             file.display()
         )
     })
@@ -243,18 +243,18 @@ fn probability(text: &str) -> std::result::Result<f64, String> {
 fn rate(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(hz) if (0.01..=100_000.0).contains(&hz) => Ok(hz),
-        _ => Err("expected ticks a second from 0.01 to 100000, such as 100".to_owned()),
+        _ => Err("expected ticks per second from 0.01 to 100000, such as 100".to_owned()),
     }
 }
 
-/// What the help says of an option that names imputers.
-/// What `--physics` is.
-const PHYSICS_HELP: &str = "How bodies move: some of motor_noise (std of the error of a push, in pushes, 0 to 10), damping \
-    (share of its velocity that a body loses in a step, 0 to 1) and mass (of each agent, kg, 0.01 to 100)";
+/// What the help says of `--physics`.
+const PHYSICS_HELP: &str = "How bodies move: any of motor_noise (std of the error of a push, in pushes, 0 to 10), damping \
+    (share of its velocity that a body loses per step, 0 to 1) and mass (of each agent, kg, 0.01 to 100)";
 
+/// What the help says of an option that names imputers.
 fn imputer_help(default: &str) -> String {
     format!(
-        "What replaces lost observations: a predictor of the policy by its name, or {} [default: {default}]",
+        "How lost observations are imputed: a predictor of the policy by its name, or {} [default: {default}]",
         Registry::default().help()
     )
 }

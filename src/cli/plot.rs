@@ -22,19 +22,21 @@ Examples:
   vamaro-swarm plot runs/hs-0 --out - > curves.svg
   vamaro-swarm plot runs/hs-0 --paper                 writes runs/hs-0/curves.pdf
 
-One panel per level p of communication, one line per predictor: the mean return of the tests.
-A run that is still in training can be plotted. A browser shows the file.")]
+One panel per level p of communication, one line per predictor: the mean return
+of the tests. Runs that are still training can be plotted too. Open the file in
+a browser.")]
 pub struct Plot {
     /// Folders of runs of one task (each with a metrics.csv), or metrics files
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
 
-    /// Where to write the chart; - for stdout [default: curves.svg in the folder of the run, or here if there are
-    /// several]
+    /// Where to write the chart; - for stdout [default: curves.svg in the folder of the run; of several runs, in the
+    /// working directory]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 
-    /// PDF for a column of a paper (252 pt wide, text of 8 pt in Helvetica), not SVG [default --out: curves.pdf]
+    /// Write PDF instead of SVG, sized for a column of a paper (252 pt wide, text of 8 pt in Helvetica) [default --out:
+    /// curves.pdf]
     #[arg(long)]
     paper: bool,
 }
@@ -118,8 +120,8 @@ fn check_alike(runs: &[Run]) -> Result<()> {
         let what = differ(&|key| key == "task").or_else(|| differ(&|key| key != "seed" && key != "steps"));
         if let Some((key, here, there)) = what {
             return Err(usage!(
-                "runs with different settings have no mean: `{key}` is {here} in {} and {there} in {}; plot them \
-                 apart",
+                "runs with different settings cannot be averaged: `{key}` is {here} in {} and {there} in {}; plot them \
+                 separately",
                 first.file.display(),
                 run.file.display()
             ));

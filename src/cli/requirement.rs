@@ -44,7 +44,8 @@ impl FromStr for Requirement {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Requirement> {
-        let wrong = || usage!("{text:?} is no requirement; write one like 'missed<=0.001' or 'return>=-40'");
+        let wrong =
+            || usage!("{text:?} is not a requirement; write one like 'missed<=0.001' or 'return>=-40'");
         let relations = [("<=", Relation::AtMost), (">=", Relation::AtLeast)];
         let parts = relations.into_iter().find_map(|(sign, relation)| {
             text.split_once(sign).map(|(name, bound)| (name.trim(), relation, bound))
@@ -53,7 +54,7 @@ impl FromStr for Requirement {
         let metric = METRICS.iter().find(|metric| metric.name == name).ok_or_else(|| {
             let names = METRICS.map(|metric| metric.name);
             usage!(
-                "{text:?}: there is no `{name}`{}; there are {}",
+                "{text:?}: there is no `{name}`{}; choose from {}",
                 did_you_mean(name, names),
                 names.join(", ")
             )
@@ -105,9 +106,9 @@ mod tests {
         }
         assert_eq!(" late <= 0.10 ".parse::<Requirement>().unwrap().to_string(), "late<=0.1");
         for (wrong, word) in [
-            ("missed", "no requirement"),
-            ("missed<0.1", "no requirement"),
-            ("missed<=often", "no requirement"),
+            ("missed", "not a requirement"),
+            ("missed<0.1", "not a requirement"),
+            ("missed<=often", "not a requirement"),
             ("misses<=1", "`missed`"),
         ] {
             let error = wrong.parse::<Requirement>().unwrap_err().to_string();

@@ -26,7 +26,7 @@ use crate::supervisor::{
 };
 use crate::{failed, usage};
 
-/// Start a swarm, play episodes, and say how the team did
+/// Start a swarm, play episodes, and report how the team did
 #[derive(Debug, Args)]
 #[command(after_help = after_help())]
 pub struct Spawn {
@@ -48,20 +48,20 @@ pub struct Spawn {
     #[arg(long, value_name = "D", value_parser = probability, allow_negative_numbers = true)]
     drop: Option<f64>,
 
-    /// Links by their model, listed below, or a file with a communication matrix, one row per receiver; behind the
-    /// links of --p or --drop, if they are given too
+    /// Links: models, listed below, or a file with a communication matrix, one row per receiver. With --p or --drop
+    /// these links follow theirs in a chain
     #[arg(long, value_name = "LINKS|FILE")]
     links: Option<String>,
 
-    /// Lose observations at t = 0 too; by default everything is delivered once when an episode starts
+    /// Lose observations at t = 0 too; by default everything is delivered when an episode starts
     #[arg(long)]
     no_comm_at_t0: bool,
 
     #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t)]
     physics: PhysicsSpec,
 
-    /// Policy: a file, a folder with policy.safetensors, a pretrained one by its name in a checkout (such
-    /// as hear-see/seed-1), builtin, or untrained (random weights)
+    /// Policy: a file, a folder with policy.safetensors, in a checkout the name of a pretrained one (such as
+    /// hear-see/seed-1), builtin, or untrained (random weights)
     #[arg(long, value_name = "FILE|DIR|NAME", default_value = "builtin")]
     policy: String,
 
@@ -84,7 +84,7 @@ pub struct Spawn {
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
 
-    /// Run the same agents without processes; same results, bit for bit
+    /// Run the same agents in this process; the results are bit-identical
     #[arg(long)]
     in_process: bool,
 
@@ -92,14 +92,14 @@ pub struct Spawn {
     #[arg(long, value_enum, default_value_t, conflicts_with = "in_process")]
     wait: Wait,
 
-    /// Ticks a second: run against the clock instead of in lockstep. Agents decide at half of each period, with what
-    /// has arrived: what is late is lost. Who has not decided at its end repeats its last
+    /// Ticks per second: run in real time instead of in lockstep. Agents decide halfway through each period, on what
+    /// has arrived; later observations are lost. An agent that has not decided when the period ends repeats its last
     /// action. Not with --in-process or --record
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true,
         conflicts_with_all = ["in_process", "record"], help_heading = REAL_TIME)]
     rate: Option<f64>,
 
-    /// Run each process on one core, by turns where there are fewer cores than processes
+    /// Pin each process to one core, in turn if there are fewer cores than processes
     #[arg(long, conflicts_with = "in_process", help_heading = REAL_TIME)]
     pin: bool,
 
@@ -107,32 +107,33 @@ pub struct Spawn {
     #[arg(long, conflicts_with = "in_process", help_heading = REAL_TIME)]
     lock_memory: bool,
 
-    /// Run before all processes of the usual scheduling policy (SCHED_FIFO), with a priority of 1 to 99 [10 if
+    /// Run with real-time scheduling (SCHED_FIFO), ahead of all ordinary processes, at a priority of 1 to 99 [10 if
     /// none is given]; not with --wait spin
     #[arg(long, value_name = "PRIORITY", num_args = 0..=1, default_missing_value = "10",
         value_parser = clap::value_parser!(u8).range(1..=99), allow_negative_numbers = true,
         conflicts_with = "in_process", help_heading = REAL_TIME)]
     fifo: Option<u8>,
 
-    /// What to do when an agent dies or hangs: abort the run, continue without the agent, or restart it. While it is away its
-    /// peers impute what it would have sent, and its action is none, or the last one with --rate [default: restart; with
-    /// --audit or --record: abort]
+    /// What to do when an agent dies or hangs: abort the run, continue without the agent, or restart it. While it is
+    /// absent its peers impute what it would have sent, and it does nothing, or with --rate repeats its last action
+    /// [default: restart; with --audit or --record: abort]
     #[arg(long, value_enum, value_name = "WHAT", conflicts_with = "in_process", help_heading = FAULTS)]
     on_failure: Option<OnFailure>,
 
-    /// How long an agent may take for a tick before it counts as hung and is killed, four fifths of it to publish its
-    /// observation; with --rate how long it may miss ticks [default: 1s, and 1ms for each agent in each world]
+    /// How long an agent may take for a tick before it counts as hung and is killed; its observation must be published
+    /// within four fifths of that. With --rate: how long it may miss ticks [default: 1s, and 1ms for each agent in each
+    /// world]
     #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "in_process", help_heading = FAULTS)]
     deadline: Option<Duration>,
 
-    /// Kill and stop agents on purpose: with this probability at each tick and for so long, such as
-    /// 'kill=0.01:500ms, stop=0.005:200ms'. A killed agent returns without memory, a stopped one goes on. In lockstep the
-    /// time is a number of ticks, and the same seed gives the same run. Needs --worlds 1
+    /// Kill and stop agents on purpose, each with a probability per tick and for a time, such as
+    /// 'kill=0.01:500ms, stop=0.005:200ms'. A killed agent returns without its memory, a stopped one continues. In
+    /// lockstep the time is rounded to ticks, and the same seed gives the same run. Needs --worlds 1
     #[arg(long, value_name = "CHAOS", conflicts_with = "record", help_heading = FAULTS)]
     chaos: Option<ChaosSpec>,
 
-    /// End with exit code 3 if the run does not keep to this (may be given more than once): return, delivered, late, missed,
-    /// absent, deaths, hangs or rate, such as 'missed<=0.001' or 'rate>=99'
+    /// Exit with code 3 unless the run meets this bound on return, delivered, late, missed, absent, deaths, hangs or
+    /// rate, such as 'missed<=0.001' or 'rate>=99'; may be given several times
     #[arg(long, value_name = "REQUIREMENT", help_heading = FAULTS)]
     require: Vec<Requirement>,
 
@@ -150,7 +151,7 @@ pub struct Spawn {
     json: bool,
 }
 
-const REAL_TIME: &str = "Real time (what the kernel refuses is said, and done without)";
+const REAL_TIME: &str = "Real time (the summary says what the kernel refused; the run continues without it)";
 
 const FAULTS: &str = "Faults";
 
@@ -228,7 +229,7 @@ impl Spawn {
             print(&summary.text(&outcome))?;
         }
         match played.audit {
-            Some(audit) if !audit.holds() => Err(failed!("the audit found what must not be: {audit}")),
+            Some(audit) if !audit.holds() => Err(failed!("the audit failed: {audit}")),
             _ => played.ended.and_then(|()| requirement::check(&self.require, &outcome)),
         }
     }
@@ -239,7 +240,9 @@ impl Spawn {
         let usual = if exact { OnFailure::Abort } else { OnFailure::Restart };
         let on_failure = self.on_failure.unwrap_or(usual);
         if self.record.is_some() && on_failure != OnFailure::Abort {
-            return Err(usage!("--record needs --on-failure abort: a trace cannot say who was absent"));
+            return Err(usage!(
+                "--record needs --on-failure abort: a trace cannot say which agents were absent"
+            ));
         }
         // Ten times what an agent computes in a world, on one core for all of them.
         let rows = settings.spec.n_agents() * settings.worlds;
@@ -323,7 +326,7 @@ impl Spawn {
             usage!("a team has 1 to {MAX_AGENTS} agents, not {agents}")
         } else {
             usage!(
-                "{} is for {} agents, not {agents}; leave one of --task and --agents away, or take a task of that \
+                "{} is for {} agents, not {agents}; leave out --task or --agents, or choose a task of that \
              size: {}",
                 task.id(),
                 task.spec().n_agents(),
@@ -344,8 +347,8 @@ impl Spawn {
     fn scheduling(&self) -> Result<Scheduling> {
         if self.fifo.is_some() && self.wait == Wait::Spin {
             return Err(usage!(
-                "--fifo with --wait spin: processes that never sleep and go before all others leave no core to the rest \
-                 of the machine; use --wait block"
+                "--fifo with --wait spin: processes that never sleep and run ahead of all others would block the whole \
+                 machine; use --wait block"
             ));
         }
         Ok(Scheduling { pin: self.pin, lock_memory: self.lock_memory, fifo: self.fifo })

@@ -121,7 +121,7 @@ impl Summary<'_> {
         let (delayed, outdated) = statistics.delayed_rate().zip(statistics.outdated_rate())?;
         (self.settings.longest_delay > 0).then(|| {
             format!(
-                "{:.2} % of the observations sent arrived later, {:.2} % too late: after a newer one",
+                "{:.2} % of the observations sent arrived later, {:.2} % arrived outdated: after a newer one",
                 100.0 * delayed,
                 100.0 * outdated
             )
@@ -281,7 +281,7 @@ fn tick_us(statistics: &Statistics, quantile: f64) -> f64 {
 /// Quantiles, for people.
 fn times(of: &Distribution) -> String {
     if of.count() == 0 {
-        return "nothing: none was in time".to_owned();
+        return "none was in time".to_owned();
     }
     let [p50, p99, max] = [0.5, 0.99, 1.0].map(|quantile| of.quantile_us(quantile));
     format!("p50 {p50:.0} us, p99 {p99:.0} us, max {max:.0} us")

@@ -23,7 +23,7 @@ use crate::train::{
 };
 use crate::usage;
 
-/// Teach a team: MAPPO or IPPO, and predictors beside it
+/// Train a team with MAPPO or IPPO, and predictors alongside it
 #[derive(Clone, Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Train {
@@ -47,19 +47,19 @@ pub struct Train {
     #[arg(long, value_enum)]
     algorithm: Option<Algorithm>,
 
-    /// Predictors that learn beside the policy: value-aware, maro, lambda0, maro-carry
+    /// Predictors that learn alongside the policy: value-aware, maro, lambda0, maro-carry
     /// or none [default: value-aware,maro]
     #[arg(long, value_name = "LIST")]
     predictors: Option<String>,
 
-    /// Probability of delivery while the policy trains, or `uniform`, a level per episode [default: 1]
+    /// Probability of delivery while the policy trains, or `uniform`: drawn per episode [default: 1]
     #[arg(long, value_name = "P", allow_negative_numbers = true)]
     train_p: Option<String>,
 
     #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP)]
     physics: Option<PhysicsSpec>,
 
-    /// What all other settings of a new run start from [default: paper]
+    /// Defaults for all other settings of a new run [default: paper]
     #[arg(long, value_enum)]
     preset: Option<Preset>,
 
@@ -71,11 +71,11 @@ pub struct Train {
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = key_value)]
     settings: Vec<(String, String)>,
 
-    /// What computes gradients: native, or candle, to compare with [default: native]
+    /// What computes gradients: native, or candle, for comparison [default: native]
     #[arg(long, value_enum)]
     backend: Option<Backend>,
 
-    /// Go on with the run in --out, perhaps to more --steps
+    /// Continue the run in --out; --steps may ask for more
     #[arg(long)]
     resume: bool,
 
@@ -83,7 +83,7 @@ pub struct Train {
     #[arg(long, value_name = "SEEDS")]
     seeds: Option<Seeds>,
 
-    /// With --seeds, runs at the same time; they share the threads
+    /// With --seeds, how many runs go at the same time; they share the threads
     #[arg(long, value_name = "J", default_value_t = 1, requires = "seeds",
         value_parser = clap::value_parser!(u32).range(1..))]
     jobs: u32,
@@ -92,7 +92,7 @@ pub struct Train {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     threads: Option<u32>,
 
-    /// Collect experience without agent processes; same results, bit for bit
+    /// Collect experience without agent processes; the results are bit-identical
     #[arg(long)]
     in_process: bool,
 
@@ -110,7 +110,7 @@ pub struct Train {
         allow_negative_numbers = true)]
     checkpoint_every: f64,
 
-    /// Say what would be done: all settings, time (measured for some seconds), disk and memory; write nothing
+    /// Show what would be done: all settings, time (measured for some seconds), disk and memory; write nothing
     #[arg(long)]
     dry_run: bool,
 
@@ -132,7 +132,9 @@ Examples:
   vamaro-swarm train --algorithm ippo --set learning_rate=3e-4 --set share_actors=true --dry-run
   vamaro-swarm spawn --task hear-see --policy runs/hs-0 --p 0.2
 
-A run is killed or interrupted without harm: with --resume it is bit-identical to an uninterrupted run.";
+A run may be interrupted or killed: with --resume it is bit-identical to an
+uninterrupted run. A job that a script puts in the background ignores SIGINT
+(Ctrl-C); stop it with SIGTERM.";
 
 impl Train {
     /// Runs the command.
@@ -153,7 +155,7 @@ impl Train {
         }
         if self.on_failure == OnFailure::Continue {
             return Err(usage!(
-                "--on-failure continue is for teams that no longer learn; training takes abort or restart"
+                "--on-failure continue is for frozen policies; training takes abort or restart"
             ));
         }
         let config = self.resolve()?;
@@ -182,7 +184,7 @@ impl Train {
             let again = self.on_failure == OnFailure::Restart && lost_at != Some(run.timestep());
             match trained {
                 Err(error) if again && error.is_loss() => {
-                    tell(&format!("note: {error}; starting the team anew"));
+                    tell(&format!("note: {error}; restarting the team"));
                     lost_at = Some(run.timestep());
                     // The folder is locked as long as the run is there.
                     drop(run);
@@ -211,9 +213,7 @@ impl Train {
         let mut layers = Vec::new();
         if self.resume {
             if self.preset.is_some() {
-                return Err(usage!(
-                    "--preset is for a new run; --resume goes on with the settings of the run"
-                ));
+                return Err(usage!("--preset is for a new run; --resume keeps the settings of the run"));
             }
             layers.push(RunFolder::settings(self.folder_of_run()?)?);
         }
@@ -332,7 +332,7 @@ impl Train {
                 "config": config,
             }));
         }
-        let goes_on = if from > 0 { format!("goes on from {from}; ") } else { String::new() };
+        let goes_on = if from > 0 { format!("continues from {from}; ") } else { String::new() };
         print(&format!(
             "# {}: {goes_on}up to {} MB of disk, {} MB of memory\n# {} env steps to go, {} updates, {} rows of \
              metrics.csv\n# about {} at {:.0} env steps/s, tests included (measured now, in-process, {threads} \
@@ -376,7 +376,9 @@ impl Train {
         }
         let (name, folder) = (format!("{}, seed {}", config.task, config.seed), run.folder().display());
         if steps == from {
-            return print(&format!("{name}: {folder} has all of its {steps} env steps; more with --steps\n"));
+            return print(&format!(
+                "{name}: {folder} has already been trained for its {steps} env steps; ask for more with --steps\n"
+            ));
         }
         let curves = if config.test_episodes > 0 { "curves.svg, " } else { "" };
         let since = if from > 0 { format!(" from {from} on") } else { String::new() };

@@ -9,14 +9,14 @@ use crate::base::error::Result;
 use crate::failed;
 use crate::verify::{Comparison, verify};
 
-/// Recompute recordings, traces and updates and compare
+/// Recompute recordings, traces and updates, and compare
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm verify recordings/
   vamaro-swarm verify trace.json --policy runs/hs-0/policy.safetensors
 
-Exit code 0 only if something was compared and all of it agrees.")]
+The exit code is 0 only if something was compared and all of it agrees.")]
 pub struct Verify {
     /// Recordings, traces, the config.json of updates, or folders that hold some
     #[arg(required = true, value_name = "PATH")]

@@ -78,7 +78,7 @@ impl FromStr for PhysicsSpec {
             let Parameter { range, of, .. } =
                 PARAMETERS.iter().find(|known| known.name == name).ok_or_else(|| unknown(name))?;
             if given.contains(&name) {
-                return Err(usage!("`{name}` is there twice"));
+                return Err(usage!("`{name}` is given twice"));
             }
             given.push(name);
             *of(&mut physics) = match value.parse::<f64>() {
@@ -159,7 +159,7 @@ mod tests {
             ("mass=0", "expected a number from 0.01 to 100"),
             ("motor_noise=NaN", "expected a number from 0 to 10"),
             ("motor_noise=much", "expected a number from 0 to 10"),
-            ("mass=1,mass=2", "`mass` is there twice"),
+            ("mass=1,mass=2", "`mass` is given twice"),
         ] {
             let error = text.parse::<PhysicsSpec>().unwrap_err();
             assert!(matches!(error, Error::Usage(_)), "{error:?}");

@@ -36,7 +36,7 @@ pub(super) fn find(name: &str) -> Result<(&'static Family, String, usize)> {
     let (family, any, size) = longest.ok_or_else(|| unknown(name))?;
     match size.parse() {
         Ok(n @ 1..=MAX_AGENTS) if n % any.group == 0 => Ok((family, format!("{}{n}", any.prefix), n)),
-        _ => Err(usage!("`{size}` is no team size for {}N: N {}", any.prefix, any.allowed())),
+        _ => Err(usage!("`{size}` is not a team size for {}N: N {}", any.prefix, any.allowed())),
     }
 }
 

@@ -144,7 +144,7 @@ impl Record {
         }
         if header.settings != *settings {
             return Err(usage!(
-                "{path} holds cells of {}, this evaluation has {}; give the same settings to go on, or {elsewhere}",
+                "{path} holds cells of {}, this evaluation has {}; give the same settings to continue, or {elsewhere}",
                 words(&header.settings),
                 words(settings)
             ));
@@ -165,7 +165,10 @@ impl Record {
     }
 
     fn foreign(&self) -> Error {
-        usage!("{} does not begin as finished cells of an evaluation do; {ELSEWHERE}", self.path.display())
+        usage!(
+            "{} does not begin like a file of finished cells of an evaluation; {ELSEWHERE}",
+            self.path.display()
+        )
     }
 
     /// The outcome of a cell, if it is finished.

@@ -51,7 +51,7 @@ impl Requirement {
     pub fn parse(text: &str, agents: usize) -> Result<Requirement> {
         let wrong = |why: &str| {
             usage!(
-                "{text:?} is no requirement{why}; write one like 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'"
+                "{text:?} is not a requirement{why}; write one like 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'"
             )
         };
         let (rest, bound) = text.rsplit_once(">=").ok_or_else(|| wrong(""))?;
@@ -195,7 +195,7 @@ mod tests {
     #[test]
     fn wrong_links_say_what_would_be_right() {
         let error = Requirement::parse("gilbret(0.1, 0.3) score>=0.5", 2).unwrap_err().to_string();
-        assert!(error.contains("is no requirement") && error.contains("nearest is `gilbert`"), "{error}");
+        assert!(error.contains("is not a requirement") && error.contains("nearest is `gilbert`"), "{error}");
     }
 
     #[test]

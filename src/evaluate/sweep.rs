@@ -228,7 +228,7 @@ impl State<'_> {
             if !outcome.is_finite() {
                 let (policy, imputer) = (&job.entrant.contender.name, job.key().imputer.unwrap_or_default());
                 let condition = job.condition;
-                return Err(failed!("{policy}, {condition}: what {imputer} imputes is beyond all numbers"));
+                return Err(failed!("{policy}, {condition}: what {imputer} imputes is not finite"));
             }
             if let Some(record) = &mut self.record {
                 record.keep(&job.key(), &outcome)?;

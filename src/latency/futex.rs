@@ -57,7 +57,7 @@ impl FutexEnd {
     fn of(memory: &File, [out, back]: [usize; 2], payload: usize, wait: Wait) -> Result<FutexEnd> {
         let bytes = 2 * lane(payload);
         if memory.metadata().map_err(cannot_share)?.len() != bytes as u64 {
-            return Err(failed!("the shared memory has not the {bytes} bytes of two lanes"));
+            return Err(failed!("the shared memory lacks the {bytes} bytes of two lanes"));
         }
         let memory = MmapOptions::new().len(bytes).map_raw(memory).map_err(cannot_share)?;
         Ok(FutexEnd { memory, payload, out, back, sent: 0, received: 0, wait })

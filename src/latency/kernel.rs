@@ -76,7 +76,7 @@ impl Transport for KernelEnd {
                 Ok(written) => left = &left[written..],
                 Err(Errno::AGAIN | Errno::INTR) => {
                     if *deadline.get_or_insert_with(|| Instant::now() + ROOM_DEADLINE) < Instant::now() {
-                        return Err(failed!("the other end has made no room in {ROOM_DEADLINE:?}"));
+                        return Err(failed!("the other end did not make room within {ROOM_DEADLINE:?}"));
                     }
                     wait_for(&self.output, PollFlags::OUT, Duration::from_millis(100))?;
                 }
@@ -133,5 +133,5 @@ fn wait_for(end: &OwnedFd, what: PollFlags, longest: Duration) -> Result<()> {
 }
 
 fn gone(e: Errno) -> crate::base::error::Error {
-    failed!("cannot speak to the other end: {e}")
+    failed!("cannot communicate with the other end: {e}")
 }

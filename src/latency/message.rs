@@ -44,7 +44,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Received> {
     let differing = rest.iter().fold(0, |differing, byte| differing | (byte ^ number as u8));
     let read = now_ns();
     if differing != 0 || sent > received || begun > sent {
-        return Err(failed!("message {number} has come in damaged"));
+        return Err(failed!("message {number} arrived damaged"));
     }
     let took = Took { hop: received - sent, whole: read - begun };
     Ok(Received { number, took, answers: Took { hop, whole } })

@@ -79,7 +79,7 @@ pub(super) fn await_state<T>(
     while !wait_until(target, wait, Instant::now() + LOOK, &sleep, &mut ready)? {
         check(target)?;
         if Instant::now() > deadline {
-            return Err(failed!("nothing has come in for {ANSWER_DEADLINE:?}; giving up"));
+            return Err(failed!("nothing arrived for {ANSWER_DEADLINE:?}; giving up"));
         }
     }
     Ok(())

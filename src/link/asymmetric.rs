@@ -26,7 +26,7 @@ pub(super) const ASYMMETRIC: Model = Model {
 /// The line of `dynamic` in the registry.
 pub(super) const DYNAMIC: Model = Model {
     name: "dynamic",
-    about: "p ~ U(0, 1) per link and 5 steps, drop = 1 - p",
+    about: "p ~ U(0, 1) per link, redrawn every 5 steps, drop = 1 - p",
     parameters: &[],
     build: |_| Ok(Box::new(Asymmetric { period: Some(DYNAMIC_PERIOD) })),
 };

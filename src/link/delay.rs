@@ -8,7 +8,7 @@ use crate::usage;
 /// `delay(ticks, jitter)`: an observation arrives k ticks after it was sent, k uniform on ticks - jitter to ticks +
 /// jitter, and never below 0.
 ///
-/// Each observation draws its own k, so a later one may overtake an earlier one, which is then not shown.
+/// Each observation draws its own k, so one may arrive after a newer one. It is then outdated, and not shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Delay {
     ticks: u8,
@@ -20,7 +20,7 @@ const TICKS: Domain = Domain::Whole("ticks", 0.0, LONGEST_DELAY as f64);
 /// Its line in the registry.
 pub(super) const MODEL: Model = Model {
     name: "delay",
-    about: "what is sent arrives so many ticks later, give or take the jitter, and may overtake",
+    about: "observations arrive this many ticks later, plus or minus the jitter",
     parameters: &[
         Parameter { name: "ticks", domain: TICKS, default: None },
         Parameter { name: "jitter", domain: TICKS, default: Some(0.0) },

@@ -91,7 +91,7 @@ fn parse_entry(entry: &str, receiver: usize, sender: usize) -> Result<f64> {
         return Err(usage!("{place}: {entry} is not a probability in [0, 1]"));
     }
     if receiver == sender && p != 1.0 {
-        return Err(usage!("{place}: the diagonal must be 1, an agent always has its own observation"));
+        return Err(usage!("{place}: the diagonal must be 1: an agent always has its own observation"));
     }
     Ok(p)
 }

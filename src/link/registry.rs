@@ -130,7 +130,7 @@ pub fn help() -> String {
     let lines = MODELS.iter().map(|model| format!("  {:<widest$}  {}", model.signature(), model.about));
     let lines: Vec<String> = lines.collect();
     format!(
-        "Links, alone or in a chain such as 'gilbert(0.1, 0.3) + delay(1, 1)', which delivers what all of them deliver:\n{}",
+        "Links, alone or in a chain such as 'gilbert(0.1, 0.3) + delay(1, 1)', which delivers what all its links deliver:\n{}",
         lines.join("\n")
     )
 }

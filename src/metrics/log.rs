@@ -59,7 +59,7 @@ impl MetricsLog {
         let kept = Metrics::parse(&bytes[..length], &csv)?;
         if kept.timesteps.len() < rows {
             return Err(failed!(
-                "{} holds {} whole rows, but the run goes on after row {rows}: it is not the file of this run, \
+                "{} holds {} whole rows, but the run continues after row {rows}: it is not the file of this run, \
                  or was cut",
                 csv.display(),
                 kept.timesteps.len()
@@ -98,7 +98,7 @@ impl MetricsLog {
         assert_eq!(values.len(), self.columns.len(), "one value per column");
         if self.last >= Some(timestep) {
             let path = self.csv.path.display();
-            return Err(failed!("{path} has a row of timestep {timestep} or later already; it was changed"));
+            return Err(failed!("{path} already has a row of timestep {timestep} or later; it was changed"));
         }
         self.csv.append(table::row(timestep, values).as_bytes())?;
         let named = self.columns.iter().zip(values);

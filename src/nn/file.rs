@@ -74,7 +74,7 @@ impl PolicyFile {
     /// The description in `bytes`, the content of a file that errors call `source`.
     pub(super) fn parse(bytes: &[u8], source: &str) -> Result<PolicyFile> {
         let (header, content) = SafeTensors::read_metadata(bytes)
-            .map_err(|error| failed!("{source} is damaged, or no policy file: {error}"))?;
+            .map_err(|error| failed!("{source} is damaged, or not a policy file: {error}"))?;
         let none = HashMap::new();
         let words = Words { words: content.metadata().as_ref().unwrap_or(&none), source };
         let (meta, networks) = words.read()?;

@@ -120,7 +120,7 @@ impl Inference {
     }
 
     /// `y = x @ weight + bias`, or `y += x @ weight` where there is no bias. Of a one-hot behind `x` the one multiplies one
-    /// row of the weight and zeros all others, so adding that row last gives the very bits of the whole product.
+    /// row of the weight and zeros all others, so adding that row last is bit-identical to the whole product.
     fn linear(&self, rows: usize, x: &[f32], acts: &[usize], weighted: &Weighted, y: &mut [f32]) {
         let Weighted { tensors, seen, .. } = weighted;
         let (weight, of_ones) = tensors[0].values().split_at(*seen);

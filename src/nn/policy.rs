@@ -173,7 +173,7 @@ impl Policy {
         const LARGEST: f32 = 65504.0;
         for (spec, tensor) in self.tensors() {
             if let Some(value) = tensor.values().iter().find(|value| value.abs() > LARGEST) {
-                return Err(failed!("tensor {} holds {value}, more than f16 can say", spec.name));
+                return Err(failed!("tensor {} holds {value}, which is too large for f16", spec.name));
             }
         }
         self.write(path, Precision::Half)

@@ -30,7 +30,7 @@ impl StateDict {
         let source = path.display().to_string();
         let (pickle, files) = entries(path, &source)?;
         let tensors = pickle::tensors(&pickle)
-            .map_err(|why| failed!("{source} is no PyTorch state dict: its pickle makes no sense: {why}"))?;
+            .map_err(|why| failed!("{source} is not a PyTorch state dict: cannot read its pickle: {why}"))?;
         let dict = StateDict { tensors: tensors.into_iter().collect(), files, source };
         for (name, tensor) in &dict.tensors {
             if tensor.storage == FLOATS && !dict.holds(tensor) {
@@ -133,10 +133,10 @@ fn entries(path: &Path, source: &str) -> Result<(Vec<u8>, Files)> {
     }
     let file = File::open(path).map_err(|error| Error::io("open", path, error))?;
     let mut archive = ZipArchive::new(file).map_err(|error| match PolicyFile::read(path) {
-        Ok(_) => usage!("{source} is a policy file already; every command takes it as it is"),
+        Ok(_) => usage!("{source} is already a policy file; every command takes it as it is"),
         Err(_) => {
             failed!(
-                "{source} is no PyTorch state dict, or saved by a PyTorch before 1.6, or damaged: {error}"
+                "{source} is not a PyTorch state dict, or was saved by PyTorch before 1.6, or is damaged: {error}"
             )
         }
     })?;
@@ -161,7 +161,9 @@ fn entries(path: &Path, source: &str) -> Result<(Vec<u8>, Files)> {
     }
     let [(folder, pickle)] = &mut pickles[..] else {
         let many = pickles.len();
-        return Err(failed!("{source} is no PyTorch state dict: it has {many} files data.pkl, expected one"));
+        return Err(failed!(
+            "{source} is not a PyTorch state dict: it has {many} files data.pkl, expected one"
+        ));
     };
     let files =
         others.into_iter().filter_map(|(name, bytes)| Some((name.strip_prefix(&*folder)?.to_owned(), bytes)));

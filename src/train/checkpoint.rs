@@ -66,7 +66,7 @@ impl State {
     pub fn save(&self, config: &Config, path: &Path) -> Result<()> {
         let State { progress, learner, replay, batch } = self;
         if !learner.is_finite() {
-            return Err(failed!("a weight is no longer a finite number; no checkpoint is made of that"));
+            return Err(failed!("a weight is no longer a finite number; no checkpoint is written"));
         }
         let metadata = BTreeMap::from([
             ("format", FORMAT.to_owned()),
@@ -212,12 +212,12 @@ impl Checkpoint {
     /// `Usage` if there is none, or it is one of another version; `Failed` if it is damaged.
     pub fn open(path: &Path) -> Result<Checkpoint> {
         let (map, source) = (map(path)?, path.display().to_string());
-        let damaged = |e: &dyn std::fmt::Display| failed!("{source} is damaged, or no checkpoint: {e}");
+        let damaged = |e: &dyn std::fmt::Display| failed!("{source} is damaged, or not a checkpoint: {e}");
         let (_, content) = SafeTensors::read_metadata(&map).map_err(|e| damaged(&e))?;
         let words = content.metadata().clone().unwrap_or_default();
         let word = |key: &str| words.get(key).ok_or_else(|| damaged(&format!("it has no `{key}`")));
         if words.get("format").map(String::as_str) != Some(FORMAT) {
-            return Err(usage!("{source} is no checkpoint of vamaro-swarm"));
+            return Err(usage!("{source} is not a checkpoint of vamaro-swarm"));
         }
         let version = word("version")?;
         if version != VERSION {

@@ -92,7 +92,7 @@ pub struct Config {
     pub lambda: f64,
     /// Episodes that `maro` and `maro-carry` remember.
     pub replay_episodes: usize,
-    /// Remembered episodes that a step of theirs learns from.
+    /// Remembered episodes that each of their steps learns from.
     pub replay_batch: usize,
     /// Timesteps between rows of `metrics.csv`, each with a test.
     pub test_interval: u64,

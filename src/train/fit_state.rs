@@ -44,14 +44,14 @@ impl PredictorFit {
     /// `Usage` if there is no such file, or another fit was saved there; `Failed` if it is damaged.
     pub fn resume(mut self, path: &Path) -> Result<PredictorFit> {
         let (map, source) = (map(path)?, path.display());
-        let damaged = |what: &str| failed!("{source} is damaged, or no unfinished fit: {what}");
+        let damaged = |what: &str| failed!("{source} is damaged, or not an unfinished fit: {what}");
         let (_, content) = SafeTensors::read_metadata(&map).map_err(|error| damaged(&error.to_string()))?;
         let words = content.metadata().clone().unwrap_or_default();
         for (key, expected) in self.identity() {
             let found = words.get(key).map_or("nothing", String::as_str);
             if found != expected {
                 return Err(usage!(
-                    "{source} is of another fit: its `{key}` is {found}, not {expected}; go on with the same options, \
+                    "{source} is from another fit: its `{key}` is {found}, not {expected}; continue with the same options, \
                      or remove the file"
                 ));
             }

@@ -123,12 +123,12 @@ impl RunFolder {
         let shown = path.display();
         if RunFolder::has_run(path) {
             return Err(usage!(
-                "{shown} holds a run already: go on with it by --resume, or choose another --out"
+                "{shown} already holds a run: continue it with --resume, or choose another --out"
             ));
         }
         match [METRICS, POLICY, CONFIG].iter().find(|name| path.join(name).exists()) {
             Some(name) => Err(usage!(
-                "{shown} holds a {name} already, but no checkpoint to go on from; move it away, or choose another \
+                "{shown} already holds a {name}, but no checkpoint to continue from; move it away, or choose another \
                  --out"
             )),
             None => Ok(()),

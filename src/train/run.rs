@@ -82,7 +82,7 @@ impl Run {
             .collect();
         if !differences.is_empty() {
             return Err(usage!(
-                "{} belongs to a run with other settings: {}; a run goes on with those it began with",
+                "{} belongs to a run with other settings: {}; a run continues with the settings it began with",
                 path.display(),
                 differences.join(", ")
             ));
@@ -172,7 +172,7 @@ impl Run {
             Err(unsaved) => format!("{unsaved}; the last checkpoint stays"),
         };
         let on =
-            format!("{kept}; go on with `vamaro-swarm train --resume --out {}`", self.folder().display());
+            format!("{kept}; continue with `vamaro-swarm train --resume --out {}`", self.folder().display());
         Err(stopped.and(on))
     }
 

@@ -156,7 +156,7 @@ fn delays_beyond_the_episode_deliver_nothing() {
 }
 
 #[test]
-fn everything_sent_is_delivered_overtaken_or_lost() {
+fn everything_sent_is_delivered_outdated_or_lost() {
     let links = LinkSpec::parse("gilbert(0.1, 0.3) + delay(2, 2)", 2).unwrap().build();
     let (statistics, _) = play(links, "value-aware");
     let outdated = statistics.outdated_rate().unwrap();

@@ -124,9 +124,9 @@ fn fitting_changes_nothing_of_a_policy_but_what_it_knows_of_dynamics() {
     fail(&format!("fit {run} --imputers a/b"), 2, &["--imputers"]);
     std::fs::write(folder.path().join("other.txt"), "not a policy").unwrap();
     let other = folder.path().join("other.txt");
-    fail(&format!("fit {run} --out {}", other.display()), 2, &["no policy file; choose another"]);
+    fail(&format!("fit {run} --out {}", other.display()), 2, &["is not a policy file; choose another"]);
     fail(&format!("fit {fitted} --imputers hold"), 2, &["\"hold\", which names another imputer"]);
-    fail("fit builtin", 2, &["builtin is no file"]);
+    fail("fit builtin", 2, &["builtin is not a file"]);
     fail(&format!("fit {run} --episodes 0"), 2, &["--episodes"]);
     fail(&format!("fit {run} --physics damping=0.3"), 2, &["needs --out"]);
 }

@@ -222,7 +222,7 @@ fn an_interrupted_sweep_leaves_no_process() {
     swarm.signal_supervisor(Signal::TERM);
     let (code, _, words) = swarm.wait();
     assert_eq!(code, Some(130), "{words}");
-    assert!(words.contains("the same command goes on"), "{words}");
+    assert!(words.contains("the same command continues"), "{words}");
     assert_gone(&agents, &tag);
 }
 
@@ -250,7 +250,7 @@ fn requirements_decide_the_exit_code() {
     };
     never("p=0.2 score>=0.9", "p=0.2 is not played");
     never("p=0.3 imputer=lambda0 score>=0.9", "not played with lambda0");
-    never("p=0.3 luck>=0.9", "is no requirement");
+    never("p=0.3 luck>=0.9", "is not a requirement");
     let few = "evaluate builtin --task hear-see --episodes 9 --require";
     let output = command(few).arg("p=0.2 score>=0.1").output().unwrap();
     assert_eq!((output.status.code(), stderr(&output).contains("at least 20")), (Some(2), true));
@@ -270,7 +270,7 @@ fn requests_that_make_no_sense() {
     fail("evaluate builtin --task hear-see --levels 1,-0.5", 2, &["--levels", "-0.5"]);
     fail("evaluate builtin --task hear-see --levels 1,nan", 2, &["--levels", "nan"]);
     fail("evaluate builtin --task hear-see --levels 1,dynamic", 2, &["--levels", "dynamic"]);
-    fail("evaluate builtin --task hear-see --levels 1,0.2,.2", 2, &["p=0.2 is there twice"]);
+    fail("evaluate builtin --task hear-see --levels 1,0.2,.2", 2, &["p=0.2 is given twice"]);
     fail("evaluate builtin --task hear-see --modes often", 2, &["--modes", "often", "dynamic"]);
     fail(
         "evaluate builtin --task hear-see --links gilbret(0.1,0.3)",
@@ -279,8 +279,12 @@ fn requests_that_make_no_sense() {
     );
     fail("evaluate builtin --task hear-see --links gilbert(0.1)", 2, &["`r` is missing", "gilbert(p, r)"]);
     fail("evaluate builtin --task hear-see --links delay(101)", 2, &["ticks", "100"]);
-    fail("evaluate builtin --task hear-see --links level(0.20)", 2, &["--links: p=0.2 is there twice"]);
-    fail("evaluate builtin --task hear-see --require gilbert(0.1,0.3)score>=0.9", 2, &["is no requirement"]);
+    fail("evaluate builtin --task hear-see --links level(0.20)", 2, &["--links: p=0.2 is given twice"]);
+    fail(
+        "evaluate builtin --task hear-see --require gilbert(0.1,0.3)score>=0.9",
+        2,
+        &["is not a requirement"],
+    );
     fail("evaluate builtin --task hear-see --imputers lambda0", 2, &["builtin", "lambda0", "value-aware"]);
     fail("evaluate builtin --task hear-see --baseline lambda0", 2, &["--baseline", "lambda0"]);
     fail("evaluate builtin builtin --task hear-see", 2, &["the same policy"]);

@@ -28,7 +28,7 @@ struct Sent {
     to: usize,
 }
 
-/// When what is sent arrives. What is not in it is lost, or has been overtaken.
+/// When what is sent arrives. What is not in it is lost, or outdated.
 type Arrivals = HashMap<Sent, u64>;
 
 /// What stands for what has not arrived: no NaN, which an inbox refuses, but nothing an agent has ever seen.

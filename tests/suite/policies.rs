@@ -120,7 +120,7 @@ fn a_policy_that_is_exported_is_the_same_but_for_rounding() {
     }
     assert_ne!(play(&half, ACTING[0]), play(&half, ACTING[1]));
     let import = format!("import {} --task hear-see", half.display());
-    fail(&import, 2, &["is a policy file already", "every command takes it as it is"]);
+    fail(&import, 2, &["is already a policy file", "every command takes it as it is"]);
 }
 
 /// Runs the snippet in `docs/policy-file.md`, word for word, and compares what it prints.

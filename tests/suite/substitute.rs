@@ -198,7 +198,7 @@ fn oracles_are_marked_wherever_a_number_of_theirs_stands() {
         assert!(text.contains("Not knowing its own agent's state explains "), "{text}");
     }
     assert!(
-        text.contains("is no imputer: its agents are told")
+        text.contains("is not an imputer: its agents are told")
             && read("report.html").contains("No imputer: the agents are told")
     );
     // Without oracles nothing of this is there, and the cells that are kept are the same.
@@ -220,7 +220,7 @@ fn nobody_becomes_an_oracle_by_mistake() {
         fail(words, 2, &["no imputer", "+oracle:own`"]);
     }
     fail(&SWEEP.replace("1,0.3,0", "0.3,0"), 2, &["--substitute own", "p = 1"]);
-    fail(&format!("{SWEEP} --substitute own"), 2, &["own is there twice"]);
+    fail(&format!("{SWEEP} --substitute own"), 2, &["own is given twice"]);
     fail(&format!("{SWEEP} --substitute agent:2"), 2, &["hear-see", "about agent 2"]);
     fail(&format!("{SWEEP} --substitute mine"), 2, &["own, others, constants or agent:K"]);
     let help = run("evaluate --help");

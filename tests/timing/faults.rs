@@ -273,7 +273,7 @@ fn a_training_that_loses_an_agent_goes_on_to_the_same_bits() {
     kill_process(swarm.agents[1], Signal::KILL).unwrap();
     let (code, _, stderr) = swarm.wait();
     assert_eq!(code, Some(0), "{stderr}");
-    assert!(stderr.contains("agent-1") && stderr.contains("starting the team anew"), "{stderr}");
+    assert!(stderr.contains("agent-1") && stderr.contains("restarting the team"), "{stderr}");
     assert_eq!(std::fs::read(found).unwrap(), std::fs::read(expected).unwrap());
     fail("train --on-failure continue --steps 1000", 2, &["abort or restart"]);
 }

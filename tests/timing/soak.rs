@@ -62,10 +62,14 @@ fn kill_often(agents: usize, kills: usize) -> (Vec<Held>, Vec<Duration>) {
     let (mut held, mut times) = (Vec::new(), Vec::new());
     for kill in 0..=kills {
         let deadline = Instant::now() + Duration::from_secs(60);
-        while running(&swarm).len() < agents || common::settings_of(running(&swarm)[agents - 1]).is_none() {
+        let there = loop {
+            let there = running(&swarm);
+            if there.len() == agents && there.iter().all(|agent| common::settings_of(*agent).is_some()) {
+                break there;
+            }
             assert!(Instant::now() < deadline, "nobody comes back after {kill} kills");
             std::thread::sleep(Duration::from_millis(1));
-        }
+        };
         let killed = Instant::now();
         // It plays again.
         common::await_sleeps(swarm.supervisor(), 20);
@@ -77,7 +81,7 @@ fn kill_often(agents: usize, kills: usize) -> (Vec<Held>, Vec<Duration>) {
             held.push(Held::by(&swarm));
         }
         if kill < kills {
-            let victim = running(&swarm)[kill * 7 % agents];
+            let victim = there[kill * 7 % agents];
             kill_process(victim, Signal::KILL).unwrap();
             let deadline = Instant::now() + Duration::from_secs(60);
             while common::is_running(victim) {

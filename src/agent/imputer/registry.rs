@@ -62,31 +62,31 @@ impl Default for Registry {
         Registry { entries: Vec::new() }
             .with_dynamics(
                 "dynamics",
-                "the own state by its own actions and the dynamics in the policy file, the rest by the policy's best \
+                "the own state from the own actions and the dynamics in the policy file, the rest by the policy's best \
                  predictor",
                 |setup, rest| Ok(Box::new(OwnDynamics::new(setup, rest)?)),
             )
-            .with_imputer("hold", "what was received last", |setup| Ok(Box::new(Hold::new(setup))))
+            .with_imputer("hold", "the last value received", |setup| Ok(Box::new(Hold::new(setup))))
             .with_dynamics(
                 "kalman",
-                "the mean of a Kalman filter: constant velocity, with the own action as its control input",
+                "a Kalman filter: constant velocity, with the own action as its control input",
                 |setup, rest| Ok(Box::new(OwnDynamics::constant_velocity(setup, rest)?)),
             )
             .with_dynamics(
                 "particles",
-                "like teammates, but the weighted mean of 16 beliefs in which teammates' actions are drawn",
+                "like teammates, but the weighted mean of 16 beliefs with sampled actions of teammates",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Drawn(PARTICLES))?)),
             )
             .only_on_request()
             .with_dynamics(
                 "shared-dice",
-                "like teammates, but with the draws by which teammates choose, from a seed that all share: a bound, not a method",
+                "like teammates, but with the teammates' own random draws, from a seed that all share: a bound, not a method",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::SharedDice)?)),
             )
             .only_on_request()
             .with_dynamics(
                 "teammates",
-                "like dynamics, and teammates as their actors in the policy file would act on what this agent believes",
+                "like dynamics, and teammates act as their actors in the policy file would on this agent's estimate",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Mean)?)),
             )
             .with_imputer(
@@ -182,7 +182,9 @@ impl Registry {
         }
         match (rest, self.entry(outer).map(|entry| &entry.make)) {
             (Some(rest), Some(Make::WithDynamics(_))) => self.choose(Some(rest), policy).map(drop)?,
-            (Some(_), _) => return Err(usage!("`{name}`: the imputer `{outer}` leaves nothing to another")),
+            (Some(_), _) => {
+                return Err(usage!("`{name}`: the imputer `{outer}` takes no other imputer in parentheses"));
+            }
             (None, _) => {}
         }
         Ok(name.to_owned())
@@ -291,8 +293,8 @@ mod tests {
         let error = |name| Registry::default().choose(Some(name), &policy()).unwrap_err().to_string();
         assert_eq!(Registry::default().choose(Some("kalman(maro)"), &policy()).unwrap(), "kalman(maro)");
         assert!(error("dynamics(marro)").contains("nearest is `maro`"), "{}", error("dynamics(marro)"));
-        assert!(error("hold(maro)").contains("leaves nothing"), "{}", error("hold(maro)"));
-        assert!(error("maro(hold)").contains("leaves nothing"), "{}", error("maro(hold)"));
+        assert!(error("hold(maro)").contains("takes no other imputer"), "{}", error("hold(maro)"));
+        assert!(error("maro(hold)").contains("takes no other imputer"), "{}", error("maro(hold)"));
         assert!(error("dynamics(maro").contains("`)` is missing"), "{}", error("dynamics(maro"));
         let twice = Registry::default().with_imputer("hold", "mine", |_| unreachable!());
         assert_eq!(twice.entries.len(), Registry::default().entries.len());

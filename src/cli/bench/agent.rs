@@ -19,18 +19,20 @@ use crate::nn::reference::CandleNetwork;
 use crate::nn::{ActorKind, Networks, Policy, kernels};
 use crate::supervisor::signals;
 
-/// One agent: a decision, beside reading its weights once and candle's forward pass
+/// One agent: a decision, compared with reading its weights once and with candle
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm bench agent
   vamaro-swarm bench agent --task hear-see --seconds 2 --json
 
-An agent of the paper's networks with an MLP and with a GRU as actor, on one thread, in one world
-and in ten: fuse and act are the decision, predict comes after it: the predictor, and what a GRU's
-next step takes of its state alone. All observations are delivered. Beside each the weights that it
-takes are read once, and candle computes the same networks, all of the actor in one piece. Each
-figure is the median of all calls; everything is measured in turn, three times.")]
+An agent with the paper's networks, with an MLP and with a GRU as actor, on one
+thread, in one world and in ten. A decision is fuse and act; predict comes after
+it: the predictor, and the part of a GRU's next step that depends on its state
+alone. All observations are delivered. For comparison the weights of each are
+read once, and candle computes the same networks, with the whole actor in one
+piece. Each figure is the median of all calls; everything is measured in turn,
+three times.")]
 pub struct BenchAgent {
     /// The task
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]

@@ -82,7 +82,8 @@ impl Output {
 impl Earlier {
     fn read(path: &str) -> std::result::Result<Earlier, String> {
         let bytes = regular::read(Path::new(path), LARGEST).map_err(|e| e.to_string())?;
-        let result = serde_json::from_slice(&bytes).map_err(|e| format!("it is no output of --json: {e}"))?;
+        let result =
+            serde_json::from_slice(&bytes).map_err(|e| format!("it is not the output of --json: {e}"))?;
         Ok(Earlier { name: path.to_owned(), figures: figures(&result) })
     }
 

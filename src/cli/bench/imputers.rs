@@ -18,23 +18,24 @@ use crate::latency::repeat;
 use crate::nn::Policy;
 use crate::supervisor::signals;
 
-/// Imputers: what each takes before and after the action is out
+/// Imputers: the time each takes before and after the action is out
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm bench imputers
   vamaro-swarm bench imputers --task hear-see --imputers value-aware,dynamics --json
 
-One agent of the built-in policy on one thread in one world, that receives nothing. A decision is
-fuse, which is the imputer's, and the actor; predict comes after the action is out. The multiply-adds are those of the
-networks that the imputer runs in a tick. Each figure is the median of all calls; everything is
-measured in turn, three times.")]
+One agent of the built-in policy, on one thread in one world, receives nothing.
+A decision is fuse (the imputer) and the actor; predict comes after the action
+is out. The multiply-adds are those of the networks that the imputer runs in a
+tick. Each figure is the median of all calls; everything is measured in turn,
+three times.")]
 pub struct BenchImputers {
     /// The task
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]
     task: String,
 
-    /// The imputers [default: all that the policy supports but particles and shared-dice]
+    /// The imputers [default: all that the policy supports, except particles and shared-dice]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     imputers: Vec<String>,
 

@@ -20,7 +20,7 @@ use crate::latency::{Hop, Medium, PAYLOADS, Setup, Tick};
 use crate::plot::{Figure, Panel, Point, Series};
 use crate::supervisor::signals;
 
-/// Latency: hops between processes over our bus and others, ticks, decisions
+/// Latency: hops between processes over our bus and other media, ticks, decisions
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -28,21 +28,23 @@ Examples:
   vamaro-swarm bench latency --agents 2,4 --payloads 64,4096 --wait spin
   vamaro-swarm bench latency --seconds 2 --json > latency.json
 
-Hop: from the moment all bytes of a message are in their place until its receiver has them before
-him, between two processes. `whole` has more: room for the message, writing every byte, the hop,
-reading every byte. Where both have a core of their own they are pinned to it.
-Tick: from the first sensor message sent to the last action received. `bare` is the same pattern
-over plain iceoryx2 by agents without networks; needed are a bare tick and the decisions, shared
-by the cores. Decision: from having received everything to publishing the action, with its parts.
-Age: of a peer's observation, when a policy uses it. The agents have the paper's networks for
-spread-blindfold. An overrun took longer than a millisecond.")]
+Hop: the time between two processes, from all bytes of a message being in place
+until the receiver has access to them. `whole` also counts making room for the
+message, writing every byte, and reading every byte. If each process can have a
+core of its own, they are pinned.
+Tick: from the first sensor message sent to the last action received. `bare` is
+the same pattern over plain iceoryx2 by agents without networks; `needed` is a
+bare tick plus the decisions, shared among the cores. Decision: from having
+received everything to publishing the action, with its parts.
+Age: of a peer's observation, when a policy uses it. The agents have the paper's
+networks for spread-blindfold. An overrun takes longer than a millisecond.")]
 pub struct BenchLatency {
     /// Sizes of teams
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,4,8,12",
         value_parser = clap::value_parser!(u32).range(2..=MAX_AGENTS as i64))]
     agents: Vec<u32>,
 
-    /// Bytes of a message; ticks take the closest that a whole number of worlds has
+    /// Bytes of a message; ticks use the closest size that a whole number of worlds has
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "64,256,1024,4096,16384,65536",
         value_parser = payload)]
     payloads: Vec<usize>,

@@ -13,7 +13,7 @@ use clap::{Args, Subcommand};
 
 use crate::base::error::Result;
 
-/// Measure what this machine reaches
+/// Measure how fast this program is on this machine
 #[derive(Debug, Args)]
 pub struct Bench {
     #[command(subcommand)]
@@ -22,19 +22,19 @@ pub struct Bench {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Training: env steps/s, where the time goes, and the same with candle
+    /// Training: env steps/s, where the time goes, and a comparison with candle
     Train(train::BenchTrain),
-    /// Latency: hops between processes over our bus and others, ticks, decisions
+    /// Latency: hops between processes over our bus and other media, ticks, decisions
     Latency(latency::BenchLatency),
     /// Worlds: env steps/s on one core
     World(world::BenchWorld),
-    /// One agent: a decision, beside reading its weights once and candle's forward pass
+    /// One agent: a decision, compared with reading its weights once and with candle
     Agent(agent::BenchAgent),
-    /// Imputers: what each takes before and after the action is out
+    /// Imputers: the time each takes before and after the action is out
     Imputers(imputers::BenchImputers),
-    /// Swarms: start-up, memory per agent, and how the time of a tick grows
+    /// Swarms: start-up, memory per agent, and how tick time grows
     Spawn(spawn::BenchSpawn),
-    /// Real time: the return of a team against its rate, and what is late
+    /// Real time: return, late observations and missed decisions at each rate
     Rate(rate::BenchRate),
 }
 

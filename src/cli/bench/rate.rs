@@ -21,20 +21,22 @@ use crate::supervisor::{
     Conduct, InProcess, Ledger, Processes, Punctuality, Session, Statistics, Team, signals,
 };
 
-/// Real time: the return of a team against its rate, and what is late
+/// Real time: return, late observations and missed decisions at each rate
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm bench rate --svg rate.svg
   vamaro-swarm bench rate --tasks hear-see --p 0.2 --rates 50,100,200 --episodes 400 --json
 
-The built-in policies play the same episodes with the same links in lockstep and at each rate.
-Lost: what a team's return falls short of its return in lockstep, mean over the episodes with its
-95 % interval. Late: observations that links delivered but agents lacked at the deadline, of
-all that were sent to agents that decided in time. Missed: decisions that were not out at the end of
-the period, of all; the last action was repeated. Left out: periods whose deadlines passed before
-they could begin, of all; the worlds stand still, so what is reached falls short of the rate asked
-for. Acts: how long after the deadline an action was out, of those in time.")]
+The built-in policies play the same episodes with the same links in lockstep and
+at each rate. Lost: how much lower the return is than in lockstep, mean over the
+episodes with its 95 % interval. Late: share of observations that links
+delivered but agents did not have at the deadline, among those sent to agents
+that decided in time. Missed: share of decisions that were not out when the
+period ended; the last action was repeated. Left out: share of periods whose
+deadline passed before they could begin; the worlds stand still in them, so the
+rate reached is below the rate asked for. Acts: how long after the deadline
+actions were out, for those in time.")]
 pub struct BenchRate {
     /// Tasks, by id or alias
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "hear-see,spread-xy-4")]
@@ -44,7 +46,7 @@ pub struct BenchRate {
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "1,0.2", value_parser = probability)]
     p: Vec<f64>,
 
-    /// Ticks a second that are asked for
+    /// Ticks per second to ask for
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "100,300,1000,2000,3000,5000,10000,20000",
         value_parser = rate)]
     rates: Vec<f64>,

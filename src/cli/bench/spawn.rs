@@ -15,20 +15,21 @@ use crate::cli::{table, tell};
 use crate::latency::{BareTeam, Memory, Played, Setup, exponent};
 use crate::supervisor::signals;
 
-/// Swarms: start-up, memory per agent, and how the time of a tick grows
+/// Swarms: start-up, memory per agent, and how tick time grows
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm bench spawn
   vamaro-swarm bench spawn --agents 4,16 --worlds 1,10,100 --wait spin --json
 
-Agents are processes with the paper's networks for spread-blindfold. A start is everything from
-reading the policy file to the end of the first tick: the median of three. Memory is the mean over
-the agents after playing: all pages, pages divided among the processes that have them, and pages of
-one agent alone. A tick goes from the first sensor message to the last decision: its median.
-With the number of worlds grow the messages and the decisions; what messages alone do is measured
-with four agents that have no networks, over plain iceoryx2. Exponents are those of the power laws
-that fit best.")]
+Agents are processes with the paper's networks for spread-blindfold. Start is
+the time from reading the policy file to the end of the first tick, the median
+of three. Memory is the mean over the agents after playing: all pages (RSS),
+pages divided among the processes that share them (PSS), and pages of one agent
+alone (private). A tick goes from the first sensor message to the last decision;
+its median counts. More worlds mean larger messages and longer decisions; the
+effect of messages alone is measured with four agents without networks, over
+plain iceoryx2. Exponents are those of the best-fitting power laws.")]
 pub struct BenchSpawn {
     /// Sizes of teams, each in one world
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,4,8,16,32,64",

@@ -13,16 +13,17 @@ use crate::cli::{keep_candle_to_its_thread, table, tell, train};
 use crate::supervisor::{InProcess, Processes, Team, signals};
 use crate::train::{Backend, Config, Layer, Preset, Throughput, Trainer, matmul_rate, test_duration};
 
-/// Training: env steps/s, where the time goes, and the same with candle
+/// Training: env steps/s, where the time goes, and a comparison with candle
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm bench train
   vamaro-swarm bench train --tasks spread-xy-12 --seconds 10 --json
 
-Each figure is the median of the rounds, in each of which everything is measured in turn.
-Rollouts by agent processes count, and updates of the policy and the value-aware predictor;
-what another predictor and the tests add is said apart.")]
+Each figure is the median over the rounds; each round measures everything in
+turn. The time includes rollouts by agent processes, and updates of the policy
+and the value-aware predictor. What another predictor and the tests add is
+listed separately.")]
 pub struct BenchTrain {
     /// Tasks to train; by default one of each of the paper's settings
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "hear-see,spread-xy-4")]
@@ -32,7 +33,7 @@ pub struct BenchTrain {
     #[arg(long, value_name = "S", default_value_t = 3.0, value_parser = some_seconds)]
     seconds: f64,
 
-    /// Rounds
+    /// Rounds of measurements
     #[arg(long, value_name = "R", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     rounds: u32,
 

@@ -21,9 +21,10 @@ Examples:
   vamaro-swarm bench world
   vamaro-swarm bench world --tasks spread-xy-4,spread-blindfold-32 --rounds 5 --json
 
-Whole episodes in one world on one thread: a reset, and 25 steps with random actions, the rewards
-and the f32 observations of all agents, before the first step and after each. Each figure is the
-median of the rounds, in each of which all tasks are measured in turn.")]
+Whole episodes in one world on one thread: a reset, and 25 steps with random
+actions, the rewards and the f32 observations of all agents, before the first
+step and after each. Each figure is the median over the rounds; each round
+measures all tasks in turn.")]
 pub struct BenchWorld {
     /// Tasks to play [default: all that `vamaro-swarm tasks` lists]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
@@ -33,7 +34,7 @@ pub struct BenchWorld {
     #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = some_seconds)]
     seconds: f64,
 
-    /// Rounds
+    /// Rounds of measurements
     #[arg(long, value_name = "R", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     rounds: u32,
 

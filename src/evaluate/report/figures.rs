@@ -37,7 +37,10 @@ pub fn robustness(groups: &[Group], imputers: &[&str]) -> Figure {
 pub fn modes(groups: &[Group], imputers: &[&str]) -> Figure {
     let is_mode = |condition: &Condition| condition.p().is_none();
     let value = |group: &Group, _: &ImputerSummary, cell: &CellSummary| outcome(group, cell);
-    Figure { title: title(groups, "under other conditions"), panels: rows(groups, imputers, is_mode, what, value) }
+    Figure {
+        title: title(groups, "under other conditions"),
+        panels: rows(groups, imputers, is_mode, what, value),
+    }
 }
 
 /// The paired difference to the baseline under all conditions where anything can be lost, a panel for each, a row per

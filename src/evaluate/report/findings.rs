@@ -73,12 +73,12 @@ impl<'a> Best<'a> {
             Some(score) => kept(&score),
             None => {
                 let why = if words::conditions(group).iter().any(|condition| condition.is_lossless()) {
-                    "at p = 1 these policies are not surely better than random actions"
+                    "at p = 1 these policies are not clearly better than random actions"
                 } else {
                     "p = 1 was not played"
                 };
                 let mean = words::with_interval(&cell.mean, 1);
-                format!("the mean return is {mean}; what share of the score that is cannot be said, as {why}")
+                format!("the mean return is {mean}; there is no score, because {why}")
             }
         };
         let link = if others.is_empty() { "," } else { ":" };
@@ -119,7 +119,7 @@ impl<'a> Best<'a> {
             other.imputer,
             words::signed(difference.value, 1),
             words::interval(&difference, 1),
-            if is_told { "" } else { ", which cannot be told from zero" }
+            if is_told { "" } else { ", not distinguishable from zero" }
         ))
     }
 
@@ -130,14 +130,14 @@ impl<'a> Best<'a> {
         let of = if seeds == 1 { "one policy".to_owned() } else { format!("each of {seeds} policies") };
         let about = format!("Intervals are over {episodes} episodes of {of}");
         let others = match self.cell.seed_std {
-            None => ": they say nothing of policies from other training runs.".to_owned(),
+            None => ": they say nothing about policies from other training runs.".to_owned(),
             Some(std) => format!(
                 "; from policy to policy the mean return there varies with a standard deviation of {}{}.",
                 words::number(std, 1),
                 if seeds == 2 { " (from two policies, a rough guess)" } else { "" }
             ),
         };
-        let few = if episodes < FEW_EPISODES { " Of so few episodes they are too narrow." } else { "" };
+        let few = if episodes < FEW_EPISODES { " With so few episodes they are too narrow." } else { "" };
         about + &others + few
     }
 }
@@ -184,7 +184,7 @@ fn over_tasks(summary: &Summary) -> Option<Vec<String>> {
         _ => None,
     };
     let certainty = if mean.low < mean.high {
-        let rough = if *runs < FEW_POLICIES { ": with so few it is rough" } else { "" };
+        let rough = if *runs < FEW_POLICIES { ": with so few policies it is rough" } else { "" };
         format!("This interval is over policies, {runs} in all{rough}.")
     } else {
         "There is no interval over policies, as each task has one.".to_owned()
@@ -221,7 +221,7 @@ fn kept(score: &Interval) -> String {
     if score.high < 0.0 {
         format!("the team does worse than with random actions, with a score of {number}")
     } else if score.low <= 0.0 {
-        format!("the team keeps nothing that can be told from zero, with a score of {number}")
+        format!("the team keeps no measurable part of the score, which is {number}")
     } else {
         let shares =
             Interval { value: 100.0 * score.value, low: 100.0 * score.low, high: 100.0 * score.high };
@@ -300,7 +300,7 @@ mod tests {
         set_scores(&mut summary, 2, 2, 0.93, 0.02);
         assert!(text(&summary).contains(" The intervals of maro and hold overlap with that. "));
         summary.groups[0].imputers[0].cells[2].comparison.as_mut().unwrap().difference.low = -1.0;
-        assert!(text(&summary).contains("), which cannot be told from zero."), "{}", text(&summary));
+        assert!(text(&summary).contains("), not distinguishable from zero."), "{}", text(&summary));
     }
 
     #[test]
@@ -330,7 +330,7 @@ mod tests {
                         with a score of -0.40 (95 % interval -0.50 to -0.30).";
         assert_eq!(findings(&summary)[0], expected);
         set_scores(&mut summary, 0, 2, 0.05, 0.1);
-        let expected = "at p = 0 the team keeps nothing that can be told from zero, with a score of 0.05 (95 % interval -0.05 to \
+        let expected = "at p = 0 the team keeps no measurable part of the score, which is 0.05 (95 % interval -0.05 to \
                         0.15).";
         assert!(findings(&summary)[0].ends_with(expected), "{}", findings(&summary)[0]);
         // No interval, no word of it.
@@ -344,11 +344,11 @@ mod tests {
         let text = text(&summary);
         assert!(text.contains("at p = 0 the mean return is -"), "{text}");
         assert!(
-            text.contains("as at p = 1 these policies are not surely better than random actions."),
+            text.contains("because at p = 1 these policies are not clearly better than random actions."),
             "{text}"
         );
         summary.groups[0].imputers[0].cells.remove(0);
-        assert!(findings(&summary)[0].ends_with("cannot be said, as p = 1 was not played."));
+        assert!(findings(&summary)[0].ends_with("there is no score, because p = 1 was not played."));
     }
 
     #[test]
@@ -391,7 +391,7 @@ mod tests {
         let expected = "Intervals are over 20 episodes of one policy: they say nothing of policies from other training runs.";
         assert_eq!(certainty(&summary), expected);
         summary.settings.episodes = 19;
-        assert!(certainty(&summary).ends_with(" Of so few episodes they are too narrow."));
+        assert!(certainty(&summary).ends_with(" With so few episodes they are too narrow."));
     }
 
     #[test]
@@ -422,7 +422,7 @@ mod tests {
                 "In the mean over 2 tasks (mappo) value-aware does best of 3 imputers: at p = 0 the team keeps 90.0 % of the \
                  score (95 % interval 85.0 to 95.0).",
                 "Task by task its score is between 0.85 (hear-see) and 0.95 (spread-xy-2).",
-                "This interval is over policies, 5 in all: with so few it is rough.",
+                "This interval is over policies, 5 in all: with so few policies it is rough.",
             ]
         );
         let mean = &mut summary.aggregates[at].mean;

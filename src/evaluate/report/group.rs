@@ -100,7 +100,7 @@ fn comparisons(group: &Group) -> Markup {
         }),
         table(
             &format!(
-                "Standard deviation over {} policies, divided by that with {baseline}: of so few it is rough.",
+                "Standard deviation over {} policies, divided by that with {baseline}: with so few it is rough.",
                 group.contenders.len()
             ),
             &|comparison| {

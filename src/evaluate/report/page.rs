@@ -201,12 +201,12 @@ fn made(summary: &Summary, provenance: &Provenance) -> Markup {
         p {
             "Frozen policies play while the links between their agents lose observations, and an imputer stands in for \
             what is lost. All policies of a task were played from the same initial states with the same draws of actions \
-            and links, whatever the condition and the imputer, so that differences are paired."
+            and links, whatever the condition and the imputer, so differences are paired."
         }
         (list(settings.map(|(term, value)| (term.to_owned(), value))))
         pre { code { (command) } }
         p {
-            "Every draw is found by the seed and what it is for, so the same command gives the same numbers in every bit \
+            "Every random draw is determined by the seed and its purpose, so the same command gives bit-identical numbers \
             on the same CPU feature set, whatever the number of threads. These numbers and more are in results.json, \
             summary.csv and errors.csv beside this page, and every episode is in episodes.csv."
         }

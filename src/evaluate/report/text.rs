@@ -4,8 +4,7 @@ use super::words;
 use crate::base::table::table;
 use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary, Summary};
 
-const ORACLES: &str =
-    "NAME+oracle:PART is no imputer: its agents are told that part of the truth, and NAME has the rest\n";
+const ORACLES: &str = "NAME+oracle:PART is not an imputer: its agents are told that part of the truth, and NAME imputes the rest\n";
 
 /// Tables of every group: return and score under each condition, and what a curve comes to; then the claims.
 pub fn text(summary: &Summary) -> String {
