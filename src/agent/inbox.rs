@@ -51,7 +51,7 @@ impl<S: Sample> Mailbox<S> {
             && words == worlds as usize * self.observation
             && sender < self.agents
             && incarnation >= self.incarnations[sender];
-        if fits && is_sane(bytemuck::cast_slice(sample.words())) {
+        if fits && is_observable(bytemuck::cast_slice(sample.words())) {
             self.incarnations[sender] = incarnation;
             let place = self.place(sender, tick);
             self.messages[place] = Some(sample);
@@ -89,9 +89,9 @@ impl<S: Sample> Mailbox<S> {
     }
 }
 
-/// Whether an observation can be one: all its values are numbers, and none is beyond what places, velocities and forces of
-/// any world come to.
-fn is_sane(observation: &[f32]) -> bool {
+/// Whether an observation can be one: all its values are numbers, and none is larger than 1e9, which is beyond what
+/// positions, velocities and forces of any world come to.
+pub(crate) fn is_observable(observation: &[f32]) -> bool {
     const LARGEST: f32 = 1e9;
     observation.iter().all(|value| value.abs() <= LARGEST)
 }

@@ -22,8 +22,8 @@ mod source;
 
 pub use decision::{Agent, AgentSettings};
 pub use imputer::{Imputer, JointLayout, PREFERRED, Registry};
-pub(crate) use inbox::Mailbox;
 pub use inbox::{Inbox, Received};
+pub(crate) use inbox::{Mailbox, is_observable};
 pub use member::{Member, Sensed};
 pub use oracle::Truth;
 pub(crate) use source::BUILTIN;

@@ -72,8 +72,15 @@ fn in_lockstep(member: &mut SharedMember, wait: Wait, peers: Duration) -> Result
     let deadline = Instant::now() + peers;
     let mut leaves = false;
     wait_until(member, wait, deadline, sleep, |member| {
-        let complete = member.collect()?;
-        leaves = !complete && member.sense()? == Sensed::Shutdown;
+        let mut complete = member.collect()?;
+        if !complete {
+            match member.sense()? {
+                Sensed::Nothing => {}
+                // It is told again whom to wait for.
+                Sensed::Tick => complete = member.collect()?,
+                Sensed::Shutdown => leaves = true,
+            }
+        }
         Ok(complete || leaves)
     })?;
     if leaves {

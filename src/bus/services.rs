@@ -152,7 +152,8 @@ impl SwarmAddress {
         if self.real_time {
             return self.observation_limits().samples();
         }
-        SAMPLES + usize::from(self.longest_delay)
+        // An agent that is not there keeps what it held when it was lost, which may be something else for each.
+        SAMPLES + usize::from(self.longest_delay) + self.agents * self.observation_limits().borrowed
     }
 
     /// A publisher of messages of up to `words` words.

@@ -34,9 +34,9 @@ const METRICS: [Metric; 8] = [
     Metric { name: "delivered", of: |outcome| outcome.statistics.delivery_rate() },
     Metric { name: "late", of: |outcome| outcome.statistics.late_rate() },
     Metric { name: "missed", of: |outcome| Some(outcome.statistics.missed_rate()) },
-    Metric { name: "absent", of: |outcome| Some(outcome.statistics.absent() as f64) },
-    Metric { name: "deaths", of: |outcome| Some(outcome.faults.map_or(0, |faults| faults.deaths) as f64) },
-    Metric { name: "hangs", of: |outcome| Some(outcome.faults.map_or(0, |faults| faults.hangs) as f64) },
+    Metric { name: "absent", of: |outcome| Some(outcome.statistics.absent_rate()) },
+    Metric { name: "deaths", of: |outcome| outcome.faults.map(|faults| faults.deaths as f64) },
+    Metric { name: "hangs", of: |outcome| outcome.faults.map(|faults| faults.hangs as f64) },
     Metric { name: "rate", of: |outcome| outcome.punctuality.map(|clock| clock.achieved_rate()) },
 ];
 

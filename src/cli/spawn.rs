@@ -128,7 +128,7 @@ pub struct Spawn {
 
     /// Kill and stop agents on purpose, each with a probability per tick and for a time, such as
     /// 'kill=0.01:500ms, stop=0.005:200ms'. A killed agent returns without its memory, a stopped one continues. In
-    /// lockstep the time is rounded to ticks, and the same seed gives the same run. Needs --worlds 1
+    /// lockstep the time is rounded to ticks and ends with the episode, and the same seed gives the same run. Needs --worlds 1
     #[arg(long, value_name = "CHAOS", conflicts_with = "record", help_heading = FAULTS)]
     chaos: Option<ChaosSpec>,
 
@@ -180,6 +180,11 @@ impl Spawn {
         let links = self.find_links(&task)?;
         let policy = source.load(task.spec())?;
         let settings = self.settings(&task, &links, source, &policy)?;
+        if self.chaos.is_some() && settings.worlds > 1 {
+            return Err(usage!(
+                "--chaos needs --worlds 1: an agent is one process for all worlds, and a kill would hit them all"
+            ));
+        }
         let recorder = match &self.record {
             Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
             None => None,

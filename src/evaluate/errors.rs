@@ -110,13 +110,16 @@ impl ErrorLedger {
         for row in 0..agents * tick.worlds {
             let ages = &mut self.ages[row * agents..(row + 1) * agents];
             let used = decisions.used(tick, row / tick.worlds, row % tick.worlds);
+            // What there is of a receiver that is not there is old.
+            let there = decisions.absent >> (row / tick.worlds) & 1 == 0;
             for (sender, age) in ages.iter_mut().enumerate() {
-                *age = match used[sender] {
+                let used = if there { used[sender] } else { NOT_ARRIVED };
+                *age = match used {
                     NOT_ARRIVED => age.map(|age| age + 1),
                     arrived => Some(arrived.into()),
                 };
                 if let Some(expectation) = &mut self.expectation {
-                    let arrived = Some(used[sender]).filter(|age| *age != NOT_ARRIVED);
+                    let arrived = Some(used).filter(|age| *age != NOT_ARRIVED);
                     let own = sender == row / tick.worlds;
                     expectation.state.hear(row, sender, if own { Some(0) } else { arrived });
                     if let Some(age) = arrived {
@@ -124,7 +127,7 @@ impl ErrorLedger {
                     }
                 }
             }
-            if plays(row % tick.worlds) {
+            if there && plays(row % tick.worlds) {
                 self.compare(tick, decisions, row);
             }
         }

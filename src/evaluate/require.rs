@@ -70,6 +70,9 @@ impl Requirement {
         let level = condition.strip_prefix('p').and_then(|rest| rest.trim_start().strip_prefix('='));
         let condition = match level.unwrap_or(condition).trim().parse() {
             Ok(p) => Condition::level(p),
+            Err(_) if ["kill=", "stop="].iter().any(|chaos| condition.starts_with(chaos)) => {
+                Condition::parse_chaos(condition, agents)
+            }
             Err(_) => Condition::parse(condition, agents),
         };
         let condition = condition.map_err(|error| wrong(&format!(": {error}")))?;
@@ -172,6 +175,7 @@ mod tests {
             "dynamic imputer=maro return>=-40",
             "p=0 iqm>=-1.5",
             "gilbert(0.1, 0.3) + delay(1, 1) imputer=hold score>=0.5",
+            "kill=0.1:500ms at p=0.2 imputer=hold score>=0.5",
         ] {
             assert_eq!(parse(text).to_string(), text);
         }

@@ -102,6 +102,12 @@ impl Arrivals {
     /// Forgets what an agent was to send at the last step: it did not come to that.
     pub(super) fn forget_sent(&mut self, sender: usize) {
         let (agents, steps) = (self.agents, self.overtaken.len());
+        self.seen
+            .iter_mut()
+            .skip(sender)
+            .step_by(agents)
+            .filter(|seen| **seen == 0)
+            .for_each(|seen| *seen = NOT_ARRIVED);
         // What arrives k steps after the last one and is k steps old then was sent at it.
         for ticks in 1..steps {
             let then =

@@ -58,7 +58,8 @@ impl Audit {
                     _ => self.delayed += 1,
                 }
                 self.leaked += u64::from(used != NOT_ARRIVED && used != arriving);
-                self.late += u64::from(used == NOT_ARRIVED && arriving != NOT_ARRIVED);
+                let there = decisions.absent >> sender & 1 == 0;
+                self.late += u64::from(there && used == NOT_ARRIVED && arriving != NOT_ARRIVED);
                 self.altered += u64::from((sender == agent || used == 0) && !same);
             }
             let own_common = &tick.observation(spec, agent, world)[unique..unique + common];

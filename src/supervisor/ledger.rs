@@ -83,17 +83,18 @@ fn count_deliveries(tick: &Tick, decisions: &Decisions, world: usize, episode: &
         return;
     }
     for agent in decisions.present(tick.agents) {
-        let there = |sender: &usize| *sender != agent && decisions.absent >> sender & 1 == 0;
         let (arriving, used) = (tick.arriving(agent, world), decisions.used(tick, agent, world));
-        for sender in (0..tick.agents).filter(there) {
-            episode.sent += 1;
+        for sender in (0..tick.agents).filter(|sender| *sender != agent) {
+            // What it sent before it was lost may still arrive.
+            let there = decisions.absent >> sender & 1 == 0;
+            episode.sent += u64::from(there);
             let (arriving, used) = (&arriving[sender], &used[sender]);
             // What was sent at t = 0 counts in none of these.
             if *arriving == NOT_ARRIVED || u32::from(*arriving) >= tick.step {
                 continue;
             }
             match *used {
-                NOT_ARRIVED => episode.late += 1,
+                NOT_ARRIVED => episode.late += u64::from(there),
                 age => {
                     episode.delivered += 1;
                     episode.delayed += u64::from(age > 0);

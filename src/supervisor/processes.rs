@@ -1,7 +1,7 @@
 //! A team of processes over shared memory.
 
 use std::process::Stdio;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use rustix::process::Signal;
 
@@ -133,10 +133,14 @@ impl Processes {
             swarm.agents.start(&name_of(agent), "agent", &process, [Stdio::null(), Stdio::null()])?;
         }
         let ready = swarm.conduct.deadlines.ready;
-        swarm.await_all("get ready", Instant::now(), ready, |swarm| {
+        let silent = swarm.await_answers(Instant::now() + ready, |swarm| {
             swarm.agents.check_alive()?;
             swarm.take_ready()
         })?;
+        if silent != 0 {
+            let names = members_of(silent).map(name_of).collect();
+            return Err(Error::Lost { names, how: format!("did not get ready within {ready:?}") });
+        }
         swarm.directory.take_pages()?;
         if swarm.clock.is_some() {
             wake_on_time();
@@ -154,7 +158,8 @@ impl Processes {
             agent,
             incarnation: self.roster.incarnation(agent),
             wait: self.conduct.wait,
-            peers: self.conduct.deadlines.peers,
+            // Peers that gave up first would decide without somebody who is only slow.
+            peers: self.conduct.deadlines.peers.max(2 * self.conduct.deadlines.answer),
             scheduling: self.conduct.scheduling,
             supervisor: std::process::id() as i32,
             settings: self.settings.clone(),
@@ -194,6 +199,7 @@ impl Processes {
         self.await_present("decide", tick, (began, answer), |swarm| {
             swarm.take_decisions(tick, decisions, u64::MAX)
         })?;
+        self.roster.answered(self.answered);
         decisions.leave_out(self.roster.absent());
         decisions.check_nobody_late(tick)
     }
@@ -211,6 +217,7 @@ impl Processes {
         self.answered = 0;
         self.take_decisions(tick, decisions, period.ends_ns)?;
         self.lose_dead()?;
+        self.roster.answered(self.answered);
         self.lose_silent(&period)?;
         decisions.absent = self.roster.absent() | tick.absent;
         decisions.missing = decisions.absent | self.everybody() & !self.answered;
@@ -230,9 +237,7 @@ impl Processes {
         while now_ns() < moment_ns {
             wait_for_moment(self.conduct.wait, moment_ns);
             signals::check_stop()?;
-            if self.roster.aborts() {
-                self.agents.check_alive()?;
-            }
+            self.take_back()?;
         }
         Ok(())
     }
@@ -261,24 +266,19 @@ impl Processes {
         }
     }
 
-    /// Waits until `take` has seen the answer of every agent that is there, at the longest for so long from this moment on.
-    pub(super) fn await_all(
+    /// Waits until `take` has seen the answer of every agent that is there, or the deadline passes. Returns the agents that are
+    /// there but have not answered, bit by bit.
+    pub(super) fn await_answers(
         &mut self,
-        what: &str,
-        began: Instant,
-        longest: Duration,
+        deadline: Instant,
         mut take: impl FnMut(&mut Processes) -> Result<()>,
-    ) -> Result<()> {
+    ) -> Result<u64> {
         self.answered = 0;
-        let done = self.wait(began + longest, |swarm| {
+        self.wait(deadline, |swarm| {
             take(swarm)?;
             Ok(swarm.roster.present() & !swarm.answered == 0)
         })?;
-        if done {
-            return Ok(());
-        }
-        let names = members_of(self.roster.present() & !self.answered).map(name_of).collect();
-        Err(Error::Lost { names, how: format!("did not {what} within {longest:?}") })
+        Ok(self.roster.present() & !self.answered)
     }
 
     /// Waits until `ready` holds or the deadline passes; true if it held.
@@ -309,16 +309,16 @@ impl Processes {
 
     /// Notes that an agent is ready, if the message says so.
     fn note_ready(&mut self, sample: &SharedSample) {
-        if let Some(agent) = self.mark(sample, Kind::Ready, 0, 1) {
+        if let Some(agent) = self.mark(sample, Kind::Ready, 0, 1, true) {
             self.granted[agent] = Granted::from_bits(sample.words()[0]);
-            self.roster.ready(agent, now_ns());
+            self.roster.ready(agent);
         }
     }
 
     fn take_observations(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         let words = self.layout.observation_words(tick.worlds);
         while let Some(sample) = self.port.receive_observation()? {
-            if let Some(agent) = self.mark(&sample, Kind::Observation, tick.tick, words) {
+            if let Some(agent) = self.mark(&sample, Kind::Observation, tick.tick, words, true) {
                 decisions.times[agent].published_ns = sample.header().sent_ns;
                 let own = &tick.observations[agent * words..][..words];
                 if sample.words() != bytemuck::cast_slice::<f32, u32>(own) {
@@ -337,10 +337,8 @@ impl Processes {
     fn take_decisions(&mut self, tick: &Tick, decisions: &mut Decisions, ends_ns: u64) -> Result<()> {
         let words = self.layout.decision_words(tick.worlds);
         while let Some(sample) = self.port.receive_decision()? {
-            if sample.header().sent_ns > ends_ns {
-                continue;
-            }
-            match self.mark(&sample, Kind::Decision, tick.tick, words) {
+            let in_time = sample.header().sent_ns <= ends_ns;
+            match self.mark(&sample, Kind::Decision, tick.tick, words, in_time) {
                 Some(agent) => {
                     let decision = self.layout.decision(sample.words(), tick.worlds);
                     decisions.times[agent].decided_ns = sample.header().sent_ns;
@@ -352,10 +350,18 @@ impl Processes {
         Ok(())
     }
 
-    /// Notes that an agent has answered, if the message is the one expected of it.
-    fn mark(&mut self, sample: &SharedSample, kind: Kind, tick: u64, words: usize) -> Option<usize> {
+    /// Notes that an agent has answered, if the message is the one expected of it and `in_time`.
+    fn mark(
+        &mut self,
+        sample: &SharedSample,
+        kind: Kind,
+        tick: u64,
+        words: usize,
+        in_time: bool,
+    ) -> Option<usize> {
         let (header, agent) = (sample.header(), sample.header().sender as usize);
-        let expected = header.fits(kind, self.identity.swarm, words)
+        let expected = in_time
+            && header.fits(kind, self.identity.swarm, words)
             && sample.words().len() == words
             && header.tick == tick
             && agent < self.agents.len()
@@ -371,6 +377,9 @@ impl Team for Processes {
     fn muster(&mut self, orders: &[Order]) -> Result<u64> {
         self.carry_out(orders)?;
         self.take_back()?;
+        if self.roster.is_deserted() {
+            return Err(failed!("no agent is left, and none is to be restarted; see --on-failure restart"));
+        }
         Ok(self.roster.absent())
     }
 

@@ -44,6 +44,11 @@ impl Observer for Recorder {
         if decisions.logits.is_empty() && stage.spec().n_actions() > 0 {
             return Err(failed!("a recording needs the logits; the team's settings must have `tell_logits`"));
         }
+        if decisions.absent != 0 {
+            return Err(failed!(
+                "an agent is not there, which a recording cannot say; record without faults"
+            ));
+        }
         for world in stage.playing() {
             let (tick, episode) = (stage.tick(), &mut self.playing[world]);
             record_tick(stage.spec(), &tick, decisions, world, episode);

@@ -24,11 +24,14 @@ impl Processes {
 
     /// Loses the agents that have not decided for longer than the deadline, against the clock.
     pub(super) fn lose_silent(&mut self, period: &Period) -> Result<()> {
+        let (answer, ready) = (self.conduct.deadlines.answer, self.conduct.deadlines.ready);
+        let periods = answer.as_nanos() as u64 / (period.ends_ns - period.begins_ns);
         // A period that has just been missed is no sign of anything.
-        let longest =
-            self.conduct.deadlines.answer + 2 * Duration::from_nanos(period.ends_ns - period.begins_ns);
-        for agent in members_of(self.roster.silent(self.answered, period.ends_ns, longest)) {
-            self.lose(agent, Loss::Hung(format!("did not decide for {longest:?}")))?;
+        for agent in members_of(self.roster.silent(periods + 2)) {
+            self.lose(agent, Loss::Hung(format!("did not decide for {answer:?}")))?;
+        }
+        for agent in members_of(self.roster.starting_for(ready)) {
+            self.lose(agent, Loss::Hung(format!("did not get ready within {ready:?}")))?;
         }
         Ok(())
     }
@@ -67,7 +70,7 @@ impl Processes {
         Ok(())
     }
 
-    /// Waits until `take` has seen the answer of every agent that is there, as [`Processes::await_all`] does. Who dies or does
+    /// Waits until `take` has seen the answer of every agent that is there, as [`Processes::await_answers`] does. Who dies or does
     /// not answer is lost, and the others are told.
     pub(super) fn await_present(
         &mut self,
@@ -76,22 +79,25 @@ impl Processes {
         (began, longest): (Instant, Duration),
         mut take: impl FnMut(&mut Processes) -> Result<()>,
     ) -> Result<()> {
-        let awaited = self.await_all(what, began, longest, |swarm| {
+        let silent = self.await_answers(began + longest, |swarm| {
             take(swarm)?;
             if swarm.lose_dead()? {
                 swarm.send_sensors(tick, 0, true)?;
             }
             Ok(())
-        });
-        match awaited {
-            Err(Error::Lost { how, .. }) if !self.roster.aborts() => {
-                for agent in members_of(self.roster.present() & !self.answered) {
-                    self.lose(agent, Loss::Hung(how.clone()))?;
-                }
-                self.send_sensors(tick, 0, true)
-            }
-            awaited => awaited,
+        })?;
+        if silent == 0 {
+            return Ok(());
         }
+        let how = format!("did not {what} within {longest:?}");
+        let mut lost = Ok(());
+        for agent in members_of(silent) {
+            lost = lost.and(self.lose(agent, Loss::Hung(how.clone())));
+        }
+        // Where that ends the swarm, all of them are named.
+        let names = members_of(silent).map(name_of).collect();
+        lost.map_err(|_| Error::Lost { names, how })?;
+        self.send_sensors(tick, 0, true)
     }
 
     /// Kills and stops agents on purpose, and has them return.

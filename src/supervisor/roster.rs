@@ -56,10 +56,14 @@ struct Entry {
     presence: Presence,
     /// How often it has been started before.
     incarnation: u32,
-    /// Starts in a row after which it did not get ready.
+    /// When it was started last.
+    started: Instant,
+    /// Starts in a row after which it did not decide once.
     failed_starts: u32,
-    /// When it last answered, nanoseconds of the monotonic clock; by the clock only.
-    answered_ns: u64,
+    /// Whether it has decided since it was started.
+    has_decided: bool,
+    /// Ticks in a row in which it was there but did not decide.
+    missed: u64,
 }
 
 /// Whether an agent is there.
@@ -78,7 +82,7 @@ pub(super) enum Presence {
     Lost,
 }
 
-/// An agent that does not get ready so often in a row never will.
+/// An agent that does not come to a decision after so many starts in a row never will.
 const MOST_FAILED_STARTS: u32 = 3;
 
 impl Faults {
@@ -94,7 +98,14 @@ impl Faults {
 impl Roster {
     /// Everybody is there, for the first time.
     pub(super) fn new(agents: usize, on_failure: OnFailure) -> Roster {
-        let entry = || Entry { presence: Presence::There, incarnation: 0, failed_starts: 0, answered_ns: 0 };
+        let entry = || Entry {
+            presence: Presence::There,
+            incarnation: 0,
+            started: Instant::now(),
+            failed_starts: 0,
+            has_decided: false,
+            missed: 0,
+        };
         Roster { agents: (0..agents).map(|_| entry()).collect(), on_failure, faults: Faults::default() }
     }
 
@@ -127,8 +138,12 @@ impl Roster {
     }
 
     fn bits(&self, of: impl Fn(Presence) -> bool) -> u64 {
+        self.bits_of(|entry| of(entry.presence))
+    }
+
+    fn bits_of(&self, of: impl Fn(&Entry) -> bool) -> u64 {
         let agents = self.agents.iter().enumerate();
-        agents.fold(0, |bits, (agent, entry)| bits | u64::from(of(entry.presence)) << agent)
+        agents.fold(0, |bits, (agent, entry)| bits | u64::from(of(entry)) << agent)
     }
 
     /// The agents that are to be started now.
@@ -151,7 +166,7 @@ impl Roster {
             self.faults.told.push(format!("agent-{agent} {loss} (tick {tick})"));
         }
         let entry = &mut self.agents[agent];
-        entry.failed_starts += u32::from(matches!(entry.presence, Presence::Starting(_)));
+        entry.failed_starts += u32::from(!entry.has_decided);
         entry.presence = match (self.on_failure, entry.presence) {
             (OnFailure::Continue, Presence::There | Presence::Stopped) => Presence::Lost,
             _ => Presence::Due(Instant::now()),
@@ -164,31 +179,48 @@ impl Roster {
         let entry = &mut self.agents[agent];
         let since = if let Presence::Due(since) = entry.presence { since } else { Instant::now() };
         entry.presence = Presence::Starting(since);
+        (entry.started, entry.has_decided, entry.missed) = (Instant::now(), false, 0);
         entry.incarnation += 1;
         entry.incarnation
     }
 
-    /// Notes that an agent is ready, at this moment of the monotonic clock.
-    pub(super) fn ready(&mut self, agent: usize, now_ns: u64) {
+    /// Notes that an agent is ready.
+    pub(super) fn ready(&mut self, agent: usize) {
         let entry = &mut self.agents[agent];
         if let Presence::Starting(since) = entry.presence {
             self.faults.restarts += 1;
             self.faults.rejoin.record(since.elapsed().as_nanos() as u64);
         }
-        (entry.presence, entry.failed_starts, entry.answered_ns) = (Presence::There, 0, now_ns);
+        entry.presence = Presence::There;
     }
 
-    /// Notes who has answered at a tick that ended at this moment of the monotonic clock. Returns the agents that are there
-    /// but have not answered for longer than this.
-    pub(super) fn silent(&mut self, answered: u64, now_ns: u64, longest: Duration) -> u64 {
-        let mut silent = 0;
+    /// Notes who has decided at a tick, bit by bit.
+    pub(super) fn answered(&mut self, answered: u64) {
         for (agent, entry) in self.agents.iter_mut().enumerate() {
-            if answered >> agent & 1 == 1 || entry.presence != Presence::There || entry.answered_ns == 0 {
-                entry.answered_ns = now_ns;
+            if answered >> agent & 1 == 1 {
+                (entry.failed_starts, entry.has_decided, entry.missed) = (0, true, 0);
+            } else if entry.presence == Presence::There {
+                entry.missed += 1;
+            } else {
+                entry.missed = 0;
             }
-            silent |= u64::from(now_ns - entry.answered_ns > longest.as_nanos() as u64) << agent;
         }
-        silent
+    }
+
+    /// The agents that have missed more ticks in a row than this, bit by bit.
+    pub(super) fn silent(&self, longest: u64) -> u64 {
+        self.bits_of(|entry| entry.missed > longest)
+    }
+
+    /// The agents that were started longer ago than this and are not ready yet, bit by bit.
+    pub(super) fn starting_for(&self, longest: Duration) -> u64 {
+        let starting = |entry: &Entry| matches!(entry.presence, Presence::Starting(_));
+        self.bits_of(|entry| starting(entry) && entry.started.elapsed() > longest)
+    }
+
+    /// Whether all agents are gone for good.
+    pub(super) fn is_deserted(&self) -> bool {
+        self.agents.iter().all(|entry| entry.presence == Presence::Lost)
     }
 }
 
@@ -219,7 +251,7 @@ mod tests {
         assert!(!roster.lose(1, 7, &died()));
         assert_eq!((roster.present(), roster.due().collect::<Vec<_>>()), (0b101, vec![1]));
         assert_eq!((roster.start(1), roster.absent(), roster.due().count()), (1, 0b010, 0));
-        roster.ready(1, 5);
+        roster.ready(1);
         assert_eq!((roster.absent(), roster.faults.deaths, roster.faults.restarts), (0, 1, 1));
         assert_eq!(roster.faults.told, ["agent-1 was killed by signal 9 (tick 7)"]);
     }
@@ -238,6 +270,7 @@ mod tests {
     #[test]
     fn an_agent_that_never_gets_ready_is_given_up() {
         let mut roster = Roster::new(1, OnFailure::Restart);
+        roster.answered(0b1);
         assert!(!roster.lose(0, 0, &died()));
         let gives_up = |roster: &mut Roster| {
             roster.start(0);
@@ -247,11 +280,26 @@ mod tests {
     }
 
     #[test]
-    fn who_does_not_answer_for_too_long_is_silent() {
-        let (mut roster, second) = (Roster::new(3, OnFailure::Restart), Duration::from_secs(1));
-        assert_eq!(roster.silent(0, 1, second), 0, "the first tick is the first chance");
+    fn who_misses_too_many_ticks_in_a_row_is_silent() {
+        let mut roster = Roster::new(3, OnFailure::Restart);
         roster.set(2, Presence::Stopped);
-        assert_eq!(roster.silent(0b001, 900_000_000, second), 0);
-        assert_eq!(roster.silent(0b001, 1_000_000_002, second), 0b010);
+        (0..3).for_each(|_| roster.answered(0b001));
+        assert_eq!((roster.silent(3), roster.silent(2)), (0, 0b010));
+        roster.answered(0b011);
+        assert_eq!(roster.silent(0), 0);
+    }
+
+    #[test]
+    fn starts_are_watched_and_a_swarm_without_agents_is_deserted() {
+        let mut roster = Roster::new(1, OnFailure::Continue);
+        roster.set(0, Presence::Due(Instant::now()));
+        roster.start(0);
+        assert_eq!(roster.starting_for(Duration::from_secs(60)), 0);
+        std::thread::sleep(Duration::from_millis(1));
+        assert_eq!(roster.starting_for(Duration::ZERO), 1);
+        roster.ready(0);
+        assert!(!roster.is_deserted());
+        roster.lose(0, 1, &died());
+        assert!(roster.is_deserted());
     }
 }

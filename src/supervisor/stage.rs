@@ -5,8 +5,10 @@ use std::fmt;
 use super::arrivals::Arrivals;
 use super::roster::members_of;
 use super::{Decisions, Tick};
+use crate::agent::is_observable;
 use crate::base::error::Result;
 use crate::environment::{End, Environment, Outcome, Spec};
+use crate::failed;
 use crate::link::{Address, Context, Fates, Links};
 
 /// Parallel worlds that play consecutive episodes, step by step together. Episodes may end early: a world that is
@@ -178,8 +180,23 @@ impl Stage {
     }
 
     /// Reads every agent's sensor.
+    ///
+    /// # Errors
+    /// Whatever the environment fails with; `Failed` if a value is no number, or beyond [`is_observable`].
     pub fn sense(&mut self) -> Result<()> {
-        self.environment.observe(self.playing.len(), &mut self.observations)
+        self.environment.observe(self.playing.len(), &mut self.observations)?;
+        if is_observable(&self.observations) {
+            return Ok(());
+        }
+        let each = self.spec.padded_obs_dim();
+        let row = self.observations.chunks_exact(each).position(|row| !is_observable(row));
+        let row = row.expect("a value is in a row");
+        let (agent, world) = (row / self.playing.len(), row % self.playing.len());
+        Err(failed!(
+            "agent-{agent} observes {:?} in world {world} of {}: values must be numbers up to 1e9",
+            &self.observations[row * each..][..each],
+            self.spec.id
+        ))
     }
 
     /// Draws what becomes of the observations sent at this step, and works out which arrive. Those who are `absent`, bit
@@ -212,8 +229,9 @@ impl Stage {
     /// Takes note of agents that were lost while they decided, bit by bit: what they had not sent is not under way, and
     /// what was under way to them is lost.
     pub fn lose(&mut self, lost: u64) {
+        let worlds = self.worlds();
         for agent in members_of(lost) {
-            for arrivals in &mut self.arrivals {
+            for arrivals in &mut self.arrivals[..worlds] {
                 arrivals.forget_receiver(agent);
                 arrivals.forget_sent(agent);
             }

@@ -143,9 +143,14 @@ impl Statistics {
         self.total.absent
     }
 
-    /// Share of decisions that were not made in time; NaN before the first.
+    /// Share of decisions that were not made in time, of those of agents that were there; NaN before the first.
     pub fn missed_rate(&self) -> f64 {
-        self.total.missed as f64 / self.total.due as f64
+        self.total.missed as f64 / (self.total.due - self.total.absent) as f64
+    }
+
+    /// Share of decisions that were not made because the agent was not there; NaN before the first.
+    pub fn absent_rate(&self) -> f64 {
+        self.total.absent as f64 / self.total.due as f64
     }
 
     /// Root mean squared error of the imputed values, in units of the observation; `None` if nothing

@@ -48,6 +48,40 @@ fn chaos_is_the_same_across_processes_and_within_one() {
 }
 
 #[test]
+fn many_may_be_absent_at_a_time() {
+    let words =
+        "spawn --task spread-blindfold-12 --policy untrained --imputer hold --p 0.5 --episodes 2 --json";
+    let words = format!("{words} --chaos stop=0.1:60s,kill=0.05:60s");
+    let (across, within) = (json(&format!("{words} --deadline 60s")), json(&format!("{words} --in-process")));
+    for what in ["return_mean", "delivery_rate", "imputation_rmse", "absent"] {
+        assert_eq!(across[what], within[what], "{what}: {}", across["faults"]);
+    }
+    assert_eq!(across["faults"]["deaths"], 0);
+}
+
+#[test]
+fn who_is_ready_between_two_periods_is_back() {
+    let swarm = Swarm::start("--agents 4 --p 0.5 --rate 1000 --episodes 280 --deadline 60s --json");
+    for agent in &swarm.agents {
+        std::thread::sleep(Duration::from_millis(1200));
+        kill_process(*agent, Signal::KILL).unwrap();
+    }
+    let (code, stdout, stderr) = swarm.wait();
+    assert_eq!(code, Some(0), "{stderr}");
+    let summary: Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!([&summary["faults"]["deaths"], &summary["faults"]["restarts"]], [4, 4], "{summary}");
+}
+
+#[test]
+fn a_run_in_which_nobody_is_left_has_failed() {
+    let swarm = Swarm::start("--agents 2 --on-failure continue");
+    swarm.agents.iter().for_each(|agent| kill_process(*agent, Signal::KILL).unwrap());
+    let (code, _, stderr) = swarm.wait();
+    assert_eq!(code, Some(1));
+    assert!(stderr.contains("no agent is left"), "{stderr}");
+}
+
+#[test]
 fn chaos_needs_one_world_and_sense() {
     fail("spawn --chaos kill=0.1 --worlds 2 --episodes 4 --in-process", 2, &["one world"]);
     fail("spawn --chaos kil=0.1", 2, &["`kill`"]);
