@@ -4,8 +4,7 @@ use super::words;
 use crate::base::table::{counted, table, tables, wrapped};
 use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary, Interval, Summary};
 
-const ORACLES: &str =
-    "NAME+oracle:PART is not an imputer: its agents are told that part of the truth,\nand NAME imputes the rest\n";
+const ORACLES: &str = "NAME+oracle:PART is not an imputer: its agents are told that part of the truth,\nand NAME imputes the rest\n";
 
 /// Tables of every group: return and score under each condition, and what a curve comes to; then the claims.
 pub fn text(summary: &Summary) -> String {
