@@ -102,7 +102,8 @@ pub struct Evaluate {
     paper: bool,
 
     /// Exit with code 3 unless the low end of the 95 % interval of score, return or iqm reaches this, such as
-    /// 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'; may be given several times
+    /// 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'; without `imputer=` it is about the imputer that `spawn`
+    /// takes by default; may be given several times
     #[arg(long, value_name = "REQUIREMENT")]
     require: Vec<String>,
 
@@ -141,13 +142,17 @@ const EXAMPLES: &str = "\
 Examples:
   vamaro-swarm evaluate runs/hs-0
   vamaro-swarm evaluate runs/hs-*/policy.safetensors --report report/
-  vamaro-swarm evaluate runs/hs-0 --report report/ --paper        figures as PDF
+  # figures also as PDF
+  vamaro-swarm evaluate runs/hs-0 --report report/ --paper
   vamaro-swarm evaluate builtin --task hear-see --levels 1,0.5,0 --modes dynamic
   vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
-  vamaro-swarm evaluate runs/hs-0 --levels 1 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
-  vamaro-swarm evaluate runs/hs-0 --levels 1,0.2 --chaos kill=0.01 --chaos 'kill=0.01 at p=0.2'
-  vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own --substitute others
-  vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'    exits 3 if not
+  vamaro-swarm evaluate runs/hs-0 --levels 1 \\
+      --links 'gilbert(0.1, 0.3) + delay(1, 1)'
+  vamaro-swarm evaluate runs/hs-0 --levels 1,0.2 \\
+      --chaos kill=0.01 --chaos 'kill=0.01 at p=0.2'
+  vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own
+  # exit code 3 if the default imputer does not keep 90 % of the score
+  vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'
 
 All cells start from the same initial states, with the same draws of actions
 and links: imputers are compared on equal terms. docs/metrics.md defines the
@@ -360,7 +365,13 @@ impl Evaluate {
                 };
                 if !entrant.plays(&name) {
                     let policy = &entrant.contender.name;
-                    return Err(wrong(format!("{policy} is not played with {name}; add it to --imputers")));
+                    let default = match requirement.imputer {
+                        Some(_) => ";",
+                        None => ", its default imputer; name another, as in 'p=0.2 imputer=hold ..', or",
+                    };
+                    return Err(wrong(format!(
+                        "{policy} is not played with {name}{default} add it to --imputers"
+                    )));
                 }
                 names.push(name);
             }

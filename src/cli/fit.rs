@@ -8,6 +8,7 @@ use clap::Args;
 use super::{PHYSICS_HELP, policy_source, print, tell};
 use crate::agent::PolicySource;
 use crate::base::error::{Error, Result};
+use crate::base::table::counted;
 use crate::dynamics::{Dynamics, Fitted, fit};
 use crate::environment::{PhysicsSpec, Task};
 use crate::nn::{Networks, Policy, PolicyFile, Precision, PredictorSpec};
@@ -122,9 +123,9 @@ impl Fit {
         let fitted = fit(task, self.seed, self.episodes)?;
         let physics = self.physics.if_other();
         print(&format!(
-            "{}: dynamics from {} episodes{physics}\n{}",
+            "{}: dynamics from {}{physics}\n{}",
             task.id(),
-            self.episodes,
+            counted(self.episodes, "episode"),
             words(&fitted)
         ))?;
         Ok(policy.with_dynamics(fitted.dynamics))

@@ -1,4 +1,4 @@
-//! `import`: a policy of the paper's published code becomes a policy file.
+//! `import`: state dicts of PyTorch become a policy file.
 
 use std::path::PathBuf;
 
@@ -11,12 +11,13 @@ use crate::environment::Task;
 use crate::nn::{Meta, import};
 use crate::usage;
 
-/// Convert a policy of the paper's published code (PyTorch state dicts) to a policy file
+/// Convert PyTorch state dicts, with the names and shapes of the paper's published code, to a policy file
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   vamaro-swarm import results/hs-0 --task hear-see --out hs-0.safetensors
-  vamaro-swarm import agent.th --task SXY-4 --predictor value-aware=network.th --predictor maro=maro.th")]
+  vamaro-swarm import agent.th --task SXY-4 --algorithm mappo --steps 5000000 \\
+      --predictor value-aware=network.th --predictor maro=maro.th")]
 pub struct Import {
     /// State dict of the actors, or a folder with agent.th and network.th
     #[arg(value_name = "FILE|DIR")]
@@ -34,8 +35,8 @@ pub struct Import {
     #[arg(long, short, value_name = "FILE", default_value = "policy.safetensors")]
     out: PathBuf,
 
-    /// Algorithm that trained it
-    #[arg(long, value_name = "NAME", default_value = "mappo")]
+    /// Algorithm that trained it, which the files do not say
+    #[arg(long, value_name = "NAME", default_value = "unknown")]
     algorithm: String,
 
     /// Env steps it was trained for
@@ -47,7 +48,7 @@ pub struct Import {
     seed: u64,
 
     /// Where it comes from, in words
-    #[arg(long, value_name = "TEXT", default_value = "imported from the paper's published code")]
+    #[arg(long, value_name = "TEXT", default_value = "imported from a PyTorch state dict")]
     origin: String,
 }
 

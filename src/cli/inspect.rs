@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::{Value, json};
 
-use super::{print, table};
+use super::{print, print_json, table};
 use crate::base::error::Result;
 use crate::base::stats::mean;
 use crate::nn::{Input, PolicyFile, PredictorSpec, Sigma};
@@ -15,9 +16,25 @@ use crate::verify::FileKind;
 
 /// Show what a policy, checkpoint, trace or recording holds
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  vamaro-swarm inspect runs/hs-0
+  vamaro-swarm inspect runs/hs-0/checkpoint.safetensors
+  vamaro-swarm inspect trace.json --json")]
 pub struct Inspect {
     /// A policy file or checkpoint (.safetensors), a trace or recording (.json), or the folder of a training run
     file: PathBuf,
+
+    /// Print it as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// What a file holds.
+struct Content {
+    text: String,
+    /// See `docs/formats.md`.
+    json: Value,
 }
 
 impl Inspect {
@@ -25,25 +42,28 @@ impl Inspect {
     pub fn run(self) -> Result<()> {
         let in_folder = self.file.join("policy.safetensors");
         let file = if self.file.is_dir() { &in_folder } else { &self.file };
-        match FileKind::of(file)? {
-            FileKind::Policy => inspect_policy(file),
+        let Content { text, json } = match FileKind::of(file)? {
+            FileKind::Policy => policy(file)?,
             FileKind::Tensors => match Checkpoint::open(file) {
-                Ok(checkpoint) => inspect_checkpoint(&checkpoint),
-                Err(_) => inspect_policy(file),
+                Ok(opened) => checkpoint(&opened),
+                Err(_) => policy(file)?,
             },
-            FileKind::Recording => inspect_recording(file),
-            FileKind::StateDict => Err(usage!(
-                "{} is a PyTorch state dict; `vamaro-swarm import` converts it to a policy file",
-                file.display()
-            )),
-            FileKind::Updates | FileKind::Json(_) | FileKind::Unknown => {
-                Err(usage!("{} is neither a policy file nor a trace or recording", file.display()))
+            FileKind::Recording => recording(file)?,
+            FileKind::StateDict => {
+                return Err(usage!(
+                    "{} is a PyTorch state dict; `vamaro-swarm import` converts it to a policy file",
+                    file.display()
+                ));
             }
-        }
+            FileKind::Updates | FileKind::Json(_) | FileKind::Unknown => {
+                return Err(usage!("{} is neither a policy file nor a trace or recording", file.display()));
+            }
+        };
+        if self.json { print_json(&json) } else { print(&text) }
     }
 }
 
-fn inspect_policy(path: &Path) -> Result<()> {
+fn policy(path: &Path) -> Result<Content> {
     let file = PolicyFile::read(path)?;
     let (meta, networks) = (&file.meta, &file.networks);
     let rows = file.tensors.iter().map(|tensor| {
@@ -52,7 +72,7 @@ fn inspect_policy(path: &Path) -> Result<()> {
     let rows = table(&["tensor", "shape", "values"], rows);
     let predictors = networks.predictors.iter();
     let predictors: Vec<String> = predictors.map(predictor_words).collect();
-    print(&format!(
+    let text = format!(
         "policy for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {}, \
          {}, hidden {}\npredictors  {}\ndynamics    {}\nparameters  {}\n\n{rows}",
         meta.task,
@@ -67,7 +87,25 @@ fn inspect_policy(path: &Path) -> Result<()> {
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
         if file.dynamics.is_some() { "fitted" } else { "none" },
         file.n_parameters()
-    ))
+    );
+    let tensors = file.tensors.iter().map(|tensor| json!({"name": tensor.name, "shape": tensor.shape}));
+    let json = json!({
+        "kind": "policy",
+        "task": meta.task,
+        "algorithm": meta.algorithm,
+        "steps": meta.steps,
+        "seed": meta.seed,
+        "origin": meta.origin,
+        "program": meta.program,
+        "actor": networks.actor,
+        "sharing": networks.sharing,
+        "hidden": networks.hidden,
+        "predictors": networks.predictors,
+        "dynamics": file.dynamics.is_some(),
+        "parameters": file.n_parameters(),
+        "tensors": tensors.collect::<Vec<_>>(),
+    });
+    Ok(Content { text, json })
 }
 
 fn predictor_words(predictor: &PredictorSpec) -> String {
@@ -87,18 +125,27 @@ fn predictor_words(predictor: &PredictorSpec) -> String {
     format!("{name} (hidden {hidden}{sees}{skip}{sigma})")
 }
 
-fn inspect_checkpoint(checkpoint: &Checkpoint) -> Result<()> {
+fn checkpoint(checkpoint: &Checkpoint) -> Content {
     let Progress { episodes, rows, seconds, .. } = checkpoint.progress;
-    print(&format!(
+    let text = format!(
         "checkpoint of a training run\nprogress    {} of {} env steps, {episodes} episodes, {rows} rows of metrics\n\
          time        {seconds:.1} s\n\n{}",
         checkpoint.progress.timestep(),
         checkpoint.config.steps,
         checkpoint.config.to_toml()
-    ))
+    );
+    let json = json!({
+        "kind": "checkpoint",
+        "timesteps": checkpoint.progress.timestep(),
+        "episodes": episodes,
+        "rows": rows,
+        "trained_s": seconds,
+        "config": checkpoint.config,
+    });
+    Content { text, json }
 }
 
-fn inspect_recording(path: &Path) -> Result<()> {
+fn recording(path: &Path) -> Result<Content> {
     let recording = Recording::read(path)?;
     let header = &recording.header;
     let returns: Vec<f64> = recording.episodes.iter().map(|episode| episode.episode_return).collect();
@@ -107,7 +154,8 @@ fn inspect_recording(path: &Path) -> Result<()> {
             episode.episode.unwrap_or(number as u64).to_string(),
             episode.p.map_or("-".to_owned(), |p| format!("{p:.3}")),
             format!("{:.2}", episode.episode_return),
-            delivered_share(&episode.delivered),
+            delivered_share(&episode.delivered)
+                .map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share)),
         ]
     });
     let rows = table(&["episode", "p", "return", "delivered"], rows);
@@ -116,10 +164,11 @@ fn inspect_recording(path: &Path) -> Result<()> {
         all => format!("and {} more\n", all - MOST_ROWS),
     };
     let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "unknown".to_owned());
-    print(&format!(
+    let kind = if recording.is_trace() { "trace" } else { "recording" };
+    let text = format!(
         "{} of {}{}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
          policy      {}\n\n{rows}{more}",
-        if recording.is_trace() { "trace" } else { "recording" },
+        kind,
         header.task,
         header.physics.if_other(),
         header.n_agents,
@@ -129,18 +178,33 @@ fn inspect_recording(path: &Path) -> Result<()> {
         named(&header.actor),
         named(&header.imputer),
         named(&header.policy)
-    ))
+    );
+    let episodes = recording.episodes.iter().enumerate().map(|(number, episode)| {
+        json!({
+            "episode": episode.episode.unwrap_or(number as u64),
+            "p": episode.p,
+            "return": episode.episode_return,
+            "delivery_rate": delivered_share(&episode.delivered),
+        })
+    });
+    let json = json!({
+        "kind": kind,
+        "about": header,
+        "return_mean": mean(&returns),
+        "episodes": episodes.collect::<Vec<_>>(),
+    });
+    Ok(Content { text, json })
 }
 
 /// Episodes that are listed one by one.
 const MOST_ROWS: usize = 20;
 
-/// Over i != j and t >= 1.
-fn delivered_share(delivered: &[Vec<Vec<u8>>]) -> String {
+/// Over i != j and t >= 1; `None` if nothing was sent.
+fn delivered_share(delivered: &[Vec<Vec<u8>>]) -> Option<f64> {
     let (mut sent, mut received) = (0, 0);
     for (i, row) in delivered.iter().skip(1).flat_map(|step| step.iter().enumerate()) {
         sent += row.len() - 1;
         received += row.iter().enumerate().filter(|(j, up)| *j != i && **up == 1).count();
     }
-    if sent == 0 { "-".to_owned() } else { format!("{:.1} %", 100.0 * received as f64 / sent as f64) }
+    (sent > 0).then(|| received as f64 / sent as f64)
 }

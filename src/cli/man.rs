@@ -12,7 +12,8 @@ use crate::base::file::AtomicFile;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  vamaro-swarm man ~/.local/share/man/man1     then: man vamaro-swarm-spawn")]
+  # then: man vamaro-swarm-spawn
+  vamaro-swarm man ~/.local/share/man/man1")]
 pub struct Man {
     /// The folder to write them to; created if missing
     #[arg(value_name = "DIR")]

@@ -45,12 +45,15 @@ pub struct Cli {
 
 const AFTER_HELP: &str = "\
 Examples:
-  vamaro-swarm spawn --agents 4 --p 0.2     a trained team of four whose links deliver 20 %
+  # a trained team of four whose links deliver 20 %
+  vamaro-swarm spawn --agents 4 --p 0.2
   vamaro-swarm spawn --task hear-see --links dynamic --json
-  vamaro-swarm train --task hear-see        train a team of your own
-  vamaro-swarm evaluate runs/hs-0           how robust is it to failing links?
-  vamaro-swarm tasks                        list the tasks
-  vamaro-swarm doctor                       is this machine ready?
+  # train a team of your own; how robust is it to failing links?
+  vamaro-swarm train --task hear-see --steps 1M --out runs/hs-0
+  vamaro-swarm evaluate runs/hs-0
+  # list the tasks; is this machine ready?
+  vamaro-swarm tasks
+  vamaro-swarm doctor
 
 Exit codes: 0 success, 1 something failed, 2 the request makes no sense, 3 a
 requirement is not met, 130 interrupted.";
@@ -65,7 +68,7 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     /// List the tasks: ids, aliases, team sizes, dimensions
     Tasks(tasks::Tasks),
-    /// Convert a policy of the paper's published code to a policy file
+    /// Convert PyTorch state dicts to a policy file
     Import(import::Import),
     /// Write a policy in half precision, to archive it
     Export(export::Export),
@@ -82,6 +85,12 @@ enum Command {
     /// Check whether this machine is ready, and clean up after dead swarms
     Doctor(doctor::Doctor),
     /// Print completions for a shell
+    #[command(after_help = "\
+Examples:
+  vamaro-swarm completions bash > vamaro-swarm.bash
+  vamaro-swarm completions zsh > ~/.zfunc/_vamaro-swarm
+
+docs/installing.md says where each shell looks for them.")]
     Completions {
         /// The shell
         shell: Shell,
@@ -221,7 +230,7 @@ fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
         return file.canonicalize().map(PolicySource::File).map_err(|e| Error::io("open", &file, e));
     }
     Err(if path.join("agent.th").exists() {
-        usage!("{name} holds a policy of the paper's code; run `vamaro-swarm import {name}` first")
+        usage!("{name} holds a PyTorch state dict, agent.th; run `vamaro-swarm import {name}` first")
     } else {
         usage!(
             "there is no policy {}; give a file, a folder, `builtin`, `untrained`, or, in a checkout, the name of one \

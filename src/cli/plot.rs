@@ -16,11 +16,13 @@ use crate::usage;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  vamaro-swarm plot runs/hs-0                         writes runs/hs-0/curves.svg
-  vamaro-swarm plot runs/hs-0 runs/hs-1 runs/hs-2     mean and standard deviation over three seeds
+  # writes runs/hs-0/curves.svg, or curves.pdf
+  vamaro-swarm plot runs/hs-0
+  vamaro-swarm plot runs/hs-0 --paper
+  # mean and standard deviation over three seeds
+  vamaro-swarm plot runs/hs-0 runs/hs-1 runs/hs-2
   vamaro-swarm plot runs/hs-* --out hear-see.svg
   vamaro-swarm plot runs/hs-0 --out - > curves.svg
-  vamaro-swarm plot runs/hs-0 --paper                 writes runs/hs-0/curves.pdf
 
 One panel per level p of communication, one line per predictor: the mean return
 of the tests. Runs that are still training can be plotted too. Open the file in

@@ -158,13 +158,17 @@ const FAULTS: &str = "Faults";
 const EXAMPLES: &str = "\
 Examples:
   vamaro-swarm spawn --agents 4 --p 0.2
-  vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --episodes 1000 --worlds 10
-  vamaro-swarm spawn --task spread-blindfold-6 --policy untrained --links dynamic --audit
+  vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --worlds 10
   vamaro-swarm spawn --agents 4 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
-  vamaro-swarm spawn --agents 4 --p 0 --physics motor_noise=0.3,damping=0.3,mass=1.2
-  vamaro-swarm spawn --agents 4 --p 0.2 --rate 100     in real time, 100 Hz
-  vamaro-swarm spawn --agents 4 --p 0.2 --chaos kill=0.01 --require 'return>=-900'
-  vamaro-swarm spawn --task SXY-4 --p 0.6 --record trace.json && vamaro-swarm verify trace.json";
+  vamaro-swarm spawn --agents 4 --p 0 --physics motor_noise=0.3,mass=1.2
+  # where did each input of the policies come from?
+  vamaro-swarm spawn --agents 6 --policy untrained --links dynamic --audit
+  # in real time, 100 Hz
+  vamaro-swarm spawn --agents 4 --p 0.2 --rate 100
+  # agents are killed; exit code 3 if the team falls short
+  vamaro-swarm spawn --agents 4 --chaos kill=0.01 --require 'return>=-900'
+  vamaro-swarm spawn --agents 4 --p 0.6 --record trace.json
+  vamaro-swarm verify trace.json";
 
 fn after_help() -> String {
     format!("{}\n\n{EXAMPLES}", link::help())
@@ -270,7 +274,7 @@ impl Spawn {
         mut recorder: Option<Recorder>,
     ) -> Result<Played> {
         if !self.json {
-            print(&summary.first_line())?;
+            print(&summary.first_lines())?;
         }
         let links = summary.links.build().sharing_at_start(summary.comm_at_t0);
         let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed);

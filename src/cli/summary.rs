@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::distribution::Distribution;
 use crate::base::scheduling::Grants;
-use crate::base::table::thousands;
+use crate::base::table::{counted, thousands, wrapped};
 use crate::bus::Wait;
 use crate::environment::Task;
 use crate::link::{CommunicationMatrix, LinkSpec, complement};
@@ -44,22 +44,22 @@ pub(super) struct Outcome<'a> {
 
 impl Summary<'_> {
     /// Says what runs; both p and the drop probability, which are so easily confused.
-    pub(super) fn first_line(&self) -> String {
+    pub(super) fn first_lines(&self) -> String {
         let place = match (self.wait, self.task.spec().n_agents()) {
             (None, _) => "in-process",
             (_, 1) => "as a process",
             _ => "as processes",
         };
-        format!(
-            "{}{}: {} {place}, {}{}, {}{}\n",
+        let what = format!(
+            "{}{}: {} {place}, {}{}",
             self.task.id(),
             self.task.physics().if_other(),
             counted(self.task.spec().n_agents() as u64, "agent"),
-            self.link_words(),
-            if self.comm_at_t0 { "" } else { " also at t = 0" },
             counted(self.episodes, "episode"),
             self.rate.map(|rate| self.clock_words(rate)).unwrap_or_default()
-        )
+        );
+        let at_t0 = if self.comm_at_t0 { "" } else { ", also at t = 0" };
+        format!("{}\n{}", wrapped(&what, INDENT), line("links", &(self.link_words() + at_t0)))
     }
 
     /// Says how long it will take, if all goes well.
@@ -113,7 +113,7 @@ impl Summary<'_> {
         }
         lines.extend(self.scheduling.as_ref().map(|grants| ("scheduling", grants.to_string())));
         lines.extend(audit.map(|audit| ("audit", audit.to_string())));
-        lines.into_iter().map(|(name, words)| format!("{name:<12}{words}\n")).collect()
+        lines.into_iter().map(|(name, words)| line(name, &words)).collect()
     }
 
     /// The shares of all observations sent that links delayed, if they can delay.
@@ -197,6 +197,14 @@ impl Summary<'_> {
         }
         summary
     }
+}
+
+/// The width of what a line is about.
+const INDENT: usize = 12;
+
+/// A line of the summary, or as many as it takes.
+fn line(about: &str, words: &str) -> String {
+    wrapped(&format!("{about:<INDENT$}{words}"), INDENT) + "\n"
 }
 
 /// What befell the agents, for people: nothing if nothing did.
@@ -285,8 +293,4 @@ fn times(of: &Distribution) -> String {
     }
     let [p50, p99, max] = [0.5, 0.99, 1.0].map(|quantile| of.quantile_us(quantile));
     format!("p50 {p50:.0} us, p99 {p99:.0} us, max {max:.0} us")
-}
-
-fn counted(n: u64, what: &str) -> String {
-    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }

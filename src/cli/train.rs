@@ -14,6 +14,7 @@ use super::reporter::Reporter;
 use super::{PHYSICS_HELP, keep_candle_to_its_thread, print, print_json, table, tell};
 use crate::agent::process::leave_with;
 use crate::base::error::Result;
+use crate::base::table::counted;
 use crate::base::threads::cores;
 use crate::bus::Wait;
 use crate::environment::PhysicsSpec;
@@ -128,8 +129,8 @@ Examples:
   vamaro-swarm train --task hear-see --steps 1M --out runs/hs-0
   vamaro-swarm train --resume --out runs/hs-0 --steps 5M
   vamaro-swarm train --task SXY-4 --seeds 0..3 --jobs 2 --out runs/sxy4
-  vamaro-swarm train --task SXY-2 --physics motor_noise=0.1 --out runs/sxy2-noisy
-  vamaro-swarm train --algorithm ippo --set learning_rate=3e-4 --set share_actors=true --dry-run
+  vamaro-swarm train --task SXY-2 --physics motor_noise=0.1 --out runs/noisy
+  vamaro-swarm train --algorithm ippo --set learning_rate=3e-4 --dry-run
   vamaro-swarm spawn --task hear-see --policy runs/hs-0 --p 0.2
 
 A run may be interrupted or killed: with --resume it is bit-identical to an
@@ -411,7 +412,7 @@ fn default_out(config: &Config) -> PathBuf {
 fn returns_table(trials: &[Trial], episodes: u64) -> String {
     let Some(first) = trials.first() else { return String::new() };
     let of_first = trials.iter().take_while(|trial| trial.imputer == first.imputer);
-    let mut header = vec![format!("return ({episodes} episodes)")];
+    let mut header = vec![format!("return ({})", counted(episodes, "episode"))];
     header.extend(of_first.map(|trial| format!("p = {}", trial.level)));
     let rows = trials.chunk_by(|a, b| a.imputer == b.imputer).map(|trials| {
         let returns = trials.iter().map(|trial| format!("{:.1}", trial.return_mean));

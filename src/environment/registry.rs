@@ -3,7 +3,7 @@
 use super::family::{Family, Named};
 use super::{hear_see, simple_spread, speaker_listener, spread};
 use crate::base::error::{Error, Result};
-use crate::base::nearest::did_you_mean;
+use crate::base::nearest::nearest;
 use crate::base::rng::MAX_AGENTS;
 use crate::usage;
 
@@ -36,7 +36,10 @@ pub(super) fn find(name: &str) -> Result<(&'static Family, String, usize)> {
     let (family, any, size) = longest.ok_or_else(|| unknown(name))?;
     match size.parse() {
         Ok(n @ 1..=MAX_AGENTS) if n % any.group == 0 => Ok((family, format!("{}{n}", any.prefix), n)),
-        _ => Err(usage!("`{size}` is not a team size for {}N: N {}", any.prefix, any.allowed())),
+        _ => {
+            let meant = if size.parse::<u64>().is_ok() { String::new() } else { meant(name) };
+            Err(usage!("`{size}` is not a team size for {}N: N {}{meant}", any.prefix, any.allowed()))
+        }
     }
 }
 
@@ -77,9 +80,16 @@ fn all_named() -> impl Iterator<Item = &'static Named> {
     FAMILIES.iter().flat_map(|family| family.named)
 }
 
+/// The task that was probably meant, by its id, for an error.
+fn meant(name: &str) -> String {
+    let known = nearest(name, all_named().flat_map(Named::names));
+    let task = known.and_then(|known| all_named().find(|named| named.names().any(|name| name == known)));
+    task.map_or(String::new(), |task| format!(" (did you mean `{}`?)", task.id))
+}
+
 /// Names the tasks there are, and the one that was probably meant.
 fn unknown(name: &str) -> Error {
-    let meant = did_you_mean(name, all_named().flat_map(Named::names));
+    let meant = meant(name);
     let ids = all_named().map(|named| named.id).collect::<Vec<_>>().join(", ");
     usage!("there is no task `{name}`{meant}; there are {ids}, and for other team sizes {}", other_sizes())
 }
@@ -118,6 +128,7 @@ mod tests {
             ("SimpleSpreadBlind6-v0", "spread-blindfold-6"),
             ("SimpleSpreadBlind12-v0", "spread-blindfold-12"),
             ("spread-blindfold-3", "spread-blindfold"),
+            ("simple_spread_v3", "simple-spread-3"),
         ];
         for (name, id) in expected {
             assert_eq!(id_of(name), id);
@@ -153,6 +164,10 @@ mod tests {
             ("speaker-listner", "did you mean `speaker-listener`?"),
             ("spread-blind", "did you mean `spread-blindfold`?"),
             ("SPREAD_XY_4", "did you mean `spread-xy-4`?"),
+            ("simple_spread_v2", "did you mean `simple-spread-3`?"),
+            ("simple_spread_3", "did you mean `simple-spread-3`?"),
+            ("mpe2.simple_spread_v3", "did you mean `simple-spread-3`?"),
+            ("simple-spread-v3", "N from 1 to 64 (did you mean `simple-spread-3`?)"),
             ("spread-xy", "did you mean `spread-xy-2`?"),
             ("simplespread", "there are hear-see, speaker-listener, spread-xy-2"),
             ("", "there is no task ``; there are"),

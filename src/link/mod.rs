@@ -28,6 +28,7 @@ pub use level::Level;
 pub(crate) use level::complement;
 pub use links::{LONGEST_DELAY, Links};
 pub use matrix::{CommunicationMatrix, Matrix};
+#[cfg(feature = "cli")]
 pub(crate) use registry::help;
 use registry::{Domain, Model, Parameter};
 pub use spec::LinkSpec;

@@ -213,13 +213,16 @@ fn split(text: &str, separator: char) -> Vec<&str> {
 }
 
 fn unknown(name: &str) -> crate::base::error::Error {
+    let signatures: Vec<String> = MODELS.iter().map(Model::signature).collect();
+    let signatures = signatures.join(", ");
+    if name.is_empty() {
+        return usage!("a model of links is missing; there are {signatures}, or give a file with a matrix");
+    }
     let likeness = |model: &&Model| strsim::jaro_winkler(name, model.name);
     let nearest = MODELS.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b))).expect("there are models");
-    let signatures: Vec<String> = MODELS.iter().map(Model::signature).collect();
     usage!(
-        "there are no links `{name}`, and no file of that name; the nearest is `{}`, and there are {}",
-        nearest.name,
-        signatures.join(", ")
+        "there are no links `{name}`, and no file of that name; the nearest is `{}`, and there are {signatures}",
+        nearest.name
     )
 }
 
@@ -284,8 +287,8 @@ mod tests {
     fn wrong_links_say_what_would_be_right() {
         for (text, words) in [
             ("levle(0.5)", "no links `levle`, and no file of that name; the nearest is `level`"),
-            ("", "there are no links ``"),
-            ("level(0.5) +", "there are no links ``"),
+            ("", "a model of links is missing; there are level(p), matrix(FILE), uniform"),
+            ("level(0.5) +", "a model of links is missing"),
             ("level", "`p` is missing; expected level(p)"),
             ("level()", "`p` is missing"),
             ("level(2)", "p: `2` is not a probability from 0 to 1"),

@@ -27,6 +27,22 @@ pub(super) fn scalars(step: u64, values: &[(&str, f64)]) -> Vec<u8> {
     scalars_at(now(), step, values)
 }
 
+/// What TensorBoard calls a column. It shows a group for each first part of a tag, groups and tags in alphabetical order:
+/// first the returns of tests, then their errors, the returns of training, and the rest.
+pub(super) fn tag(column: &str) -> String {
+    let test = column.split_once("/test_").and_then(|(imputer, test)| Some((imputer, test.split_once('_')?)));
+    match (test, column) {
+        (Some((imputer, (level, what @ ("return_mean" | "return_std")))), _) => {
+            format!("test/{what}/{imputer}/{level}")
+        }
+        (Some((imputer, (level, what))), _) => format!("test_errors/{what}/{imputer}/{level}"),
+        (None, "return_mean" | "return_std") => format!("train/{column}"),
+        (None, "episodes" | "updates") => format!("train_progress/{column}"),
+        (None, _) if column.contains('/') => format!("train_predictors/{column}"),
+        (None, _) => format!("train_updates/{column}"),
+    }
+}
+
 /// The length of the whole and undamaged records a file begins with, up to the first with scalars of a step
 /// after `last` (any step, if that is `None`).
 pub(super) fn length_until(bytes: &[u8], last: Option<u64>) -> usize {
@@ -159,6 +175,28 @@ mod tests {
         assert_eq!(hex(&version_at(1.7e9)), VERSION);
         let values = [("value-aware/test_p=0.2_return_mean", -26.3), ("entropy", 0.5)];
         assert_eq!(hex(&scalars_at(1_700_000_000.25, 500_000, &values)), SCALARS);
+    }
+
+    #[test]
+    fn tags_are_in_groups_with_the_returns_of_tests_first() {
+        let columns =
+            ["episodes", "return_mean", "critic_loss", "maro/nll", "maro/test_p=0.2_imputation_rmse"];
+        let mut tags = columns.map(tag).to_vec();
+        tags.push(tag("maro/test_p=0.2_return_mean"));
+        tags.push(tag("maro/test_p=1_return_std"));
+        tags.sort();
+        assert_eq!(
+            tags,
+            [
+                "test/return_mean/maro/p=0.2",
+                "test/return_std/maro/p=1",
+                "test_errors/imputation_rmse/maro/p=0.2",
+                "train/return_mean",
+                "train_predictors/maro/nll",
+                "train_progress/episodes",
+                "train_updates/critic_loss",
+            ]
+        );
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::{failed, usage};
 pub struct MetricsLog {
     csv: Growing,
     events: Growing,
-    columns: Vec<String>,
+    tags: Vec<String>,
     rows: usize,
     last: Option<u64>,
 }
@@ -41,7 +41,7 @@ impl MetricsLog {
         AtomicFile::write(&csv, header.as_bytes())?;
         let (csv, mut events) = (Growing::open(csv)?, Growing::open(events)?);
         events.append(&events::first_record())?;
-        Ok(MetricsLog { csv, events, columns: columns.to_owned(), rows: 0, last: None })
+        Ok(MetricsLog { csv, events, tags: tags(columns), rows: 0, last: None })
     }
 
     /// Opens the files of a run that goes on after its first `rows` rows. Later rows are dropped, and so are
@@ -86,7 +86,7 @@ impl MetricsLog {
         if length == 0 {
             events.append(&events::first_record())?;
         }
-        Ok(MetricsLog { csv, events, columns: columns.to_owned(), rows, last })
+        Ok(MetricsLog { csv, events, tags: tags(columns), rows, last })
     }
 
     /// Writes a row: one value per column, `None` for an empty cell. After an error the last row may be torn;
@@ -95,14 +95,14 @@ impl MetricsLog {
     /// # Panics
     /// If there is not one value per column.
     pub fn push(&mut self, timestep: u64, values: &[Option<f64>]) -> Result<()> {
-        assert_eq!(values.len(), self.columns.len(), "one value per column");
+        assert_eq!(values.len(), self.tags.len(), "one value per column");
         if self.last >= Some(timestep) {
             let path = self.csv.path.display();
             return Err(failed!("{path} already has a row of timestep {timestep} or later; it was changed"));
         }
         self.csv.append(table::row(timestep, values).as_bytes())?;
-        let named = self.columns.iter().zip(values);
-        let scalars: Vec<_> = named.filter_map(|(name, value)| Some((name.as_str(), (*value)?))).collect();
+        let tagged = self.tags.iter().zip(values);
+        let scalars: Vec<_> = tagged.filter_map(|(tag, value)| Some((tag.as_str(), (*value)?))).collect();
         if !scalars.is_empty() {
             self.events.append(&events::scalars(timestep, &scalars))?;
         }
@@ -126,6 +126,10 @@ impl MetricsLog {
     pub fn rows(&self) -> usize {
         self.rows
     }
+}
+
+fn tags(columns: &[String]) -> Vec<String> {
+    columns.iter().map(|column| events::tag(column)).collect()
 }
 
 fn paths(folder: &Path) -> [PathBuf; 2] {
@@ -208,6 +212,16 @@ mod tests {
             assert_eq!(events::length_until(&events, Some(250 * 9)), events.len());
             assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
         }
+    }
+
+    #[test]
+    fn tensorboard_gets_tags_in_groups_and_the_csv_file_columns() {
+        let (folder, log) = run(2);
+        drop(log);
+        let [csv, events] = contents(&folder).map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+        assert!(csv.starts_with("timestep,return_mean,maro/test_p=0.2_return_mean\n"), "{csv}");
+        assert!(events.contains("train/return_mean") && events.contains("test/return_mean/maro/p=0.2"));
+        assert!(!events.contains("test_p="), "{events:?}");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Policies trained with the paper's published code: PyTorch state dicts become a [`Policy`].
+//! PyTorch state dicts with the names and shapes of the paper's published code become a [`Policy`].
 //!
 //! That code writes `agent.th`, the actors, and `network.th`, a predictor. Its names for our layers are in
 //! [`key`]; its weights are `[outputs, inputs]` and get transposed.
@@ -22,9 +22,15 @@ use std::path::{Path, PathBuf};
 /// policy for `dims`: missing, unexpected, of another shape, not f32 or not finite.
 pub fn import(agents: &Path, predictors: &[(String, PathBuf)], dims: &Dims, meta: Meta) -> Result<Policy> {
     let actors = StateDict::read(agents)?;
-    let sharing = if actors.has("agents.0.fc1.bias") { Sharing::Separate } else { Sharing::Shared };
+    let sharing = if actors.has(SEPARATE) { Sharing::Separate } else { Sharing::Shared };
     let first = if sharing == Sharing::Separate { "agents.0." } else { "" };
     let actor = if actors.has(&format!("{first}rnn.weight_ih")) { ActorKind::Gru } else { ActorKind::Mlp };
+    if sharing == Sharing::Shared && !actors.has(SHARED) {
+        return Err(failed!(
+            "{}: it holds no actors: neither {SHARED}, if all agents share one, nor {SEPARATE}, if each has its own",
+            actors.source()
+        ));
+    }
     let hidden = actors.length(&format!("{first}fc1.bias"))?;
 
     let mut dicts = vec![("actors.".to_string(), actors)];
@@ -50,6 +56,12 @@ pub fn import(agents: &Path, predictors: &[(String, PathBuf)], dims: &Dims, meta
     dicts.iter().try_for_each(|(_, dict)| dict.finish())?;
     Policy::new(dims, Meta { task: dims.task.clone(), ..meta }, networks, &values)
 }
+
+/// What the actors' state dict has if all agents share one.
+const SHARED: &str = "fc1.bias";
+
+/// What it has if each agent has its own.
+const SEPARATE: &str = "agents.0.fc1.bias";
 
 /// What tells how many values a predictor sees.
 const PREDICTOR_INPUTS: &str = "linear_1.weight";

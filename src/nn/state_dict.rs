@@ -71,7 +71,16 @@ impl StateDict {
         let source = &self.source;
         let expected: Vec<usize> = shape.iter().rev().copied().collect();
         if tensor.shape != expected {
-            return Err(failed!("{source}: tensor {key} is {:?}, expected {expected:?}", tensor.shape));
+            let layouts = match shape {
+                [_, _] => {
+                    format!(", [outputs, inputs], which a policy file keeps as {shape:?}, [inputs, outputs]")
+                }
+                _ => String::new(),
+            };
+            return Err(failed!(
+                "{source}: tensor {key} is {:?}, expected {expected:?}{layouts}",
+                tensor.shape
+            ));
         }
         if tensor.storage != FLOATS {
             return Err(failed!("{source}: tensor {key} is a {}, expected a {FLOATS}", tensor.storage));

@@ -190,19 +190,24 @@ fn a_neighbour_that_takes_all_memory_is_said_in_words() {
 }
 
 #[test]
-fn doctor_and_training_agree_on_shared_memory() {
+fn doctor_says_what_starts_in_the_shared_memory_there_is() {
     let folder = Folder::new();
-    for size in ["300k", "1m", "12m"] {
+    for size in ["200k", "300k", "1m", "12m", "64m"] {
         let out = folder.path(size);
         let script = format!(
-            "mount -t tmpfs -o size={size} tmpfs /dev/shm; $P doctor >/dev/null 2>&1; echo $?; \
+            "mount -t tmpfs -o size={size} tmpfs /dev/shm; $P doctor --json; echo $?; \
+             $P spawn --episodes 1 >/dev/null 2>&1; echo $?; \
              $P train --task spread-xy-4 --steps 400 --set test_episodes=0 --out {} >/dev/null 2>&1; echo $?",
             out.display()
         );
         let Some(output) = in_namespace(&script) else { return };
         let stdout = String::from_utf8_lossy(&output.stdout).into_owned();
-        let codes: Vec<&str> = stdout.lines().collect();
-        assert!(codes[0] != "0" || codes[1] == "0", "{size}: doctor said ready, training did not start");
+        let (json, codes) = stdout.split_once("\n}\n").unwrap();
+        let codes: Vec<&str> = codes.lines().collect();
+        assert_eq!(codes[0], codes[1], "{size}: doctor is about `spawn`: {json}");
+        let (_, too_little) = json.split_once("too little for").unwrap_or_default();
+        let trains = codes[0] == "0" && !too_little.contains("`train`");
+        assert_eq!(trains, codes[2] == "0", "{size}: {json}");
     }
 }
 

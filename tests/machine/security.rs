@@ -121,7 +121,7 @@ fn a_runtime_folder_that_is_unfit_is_said_and_left_out() {
     let long = "x".repeat(60);
     let script = format!(
         "mkdir -m 777 /tmp/open; mkdir -m 700 /tmp/{long}; for d in /tmp/open /tmp/{long} /tmp/none run; do \
-         XDG_RUNTIME_DIR=$d $P doctor | grep XDG; XDG_RUNTIME_DIR=$d $P spawn --episodes 1 >/dev/null; echo $?; done"
+         XDG_RUNTIME_DIR=$d $P doctor --json | grep XDG; XDG_RUNTIME_DIR=$d $P spawn --episodes 1 >/dev/null; echo $?; done"
     );
     let Some(output) = with_own_tmp(&script) else { return };
     let stdout = String::from_utf8_lossy(&output.stdout).into_owned();

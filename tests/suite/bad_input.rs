@@ -47,7 +47,7 @@ fn requests_that_make_no_sense() {
     fail("spawn --links delay(101)", 2, &["ticks: `101` is not a whole number of ticks from 0 to 100"]);
     fail("spawn --links delay(60)+delay(60)", 2, &["up to 120 ticks", "kept for 100"]);
     fail("spawn --links level(2)", 2, &["p: `2` is not a probability from 0 to 1", "level(p)"]);
-    fail("spawn --links level(0.5)+", 2, &["there are no links ``"]);
+    fail("spawn --links level(0.5)+", 2, &["a model of links is missing"]);
     fail("spawn --in-process --wait spin", 2, &["--wait"]);
     fail("frobnicate", 2, &["frobnicate"]);
 }
@@ -131,6 +131,25 @@ fn an_interrupted_recording_leaves_no_file() {
 }
 
 #[test]
+fn imputers_that_need_dynamics_are_refused_before_anything_starts() {
+    for words in [
+        "spawn --policy untrained --imputer dynamics",
+        "spawn --policy untrained --imputer kalman(hold)",
+        "spawn --policy untrained --imputer teammates --in-process",
+        "evaluate untrained --task hear-see --imputers dynamics --levels 1",
+    ] {
+        fail(words, 2, &["holds no dynamics of hear-see", "vamaro-swarm fit"]);
+    }
+}
+
+#[test]
+fn links_without_a_name() {
+    for words in ["spawn --links=", "evaluate builtin --task hear-see --links="] {
+        fail(words, 2, &["a model of links is missing; there are level(p)"]);
+    }
+}
+
+#[test]
 fn shared_memory_that_is_too_small() {
     // In a mount namespace of its own, with a /dev/shm of 64 KiB.
     let script = format!("mount -t tmpfs -o size=64k tmpfs /dev/shm && exec {} spawn", common::PROGRAM);
@@ -157,6 +176,11 @@ fn importing_what_is_no_state_dict() {
         fail(&import, 1, &["agent.th"]);
         assert!(!out.exists());
     }
+    std::fs::copy(data("import/network.th"), &actors).unwrap();
+    fail(&import, 1, &["agent.th", "agents.0.fc1.bias"]);
+    // Files do not say what trained them.
+    let help = succeed("import --help");
+    assert!(help.split_whitespace().collect::<Vec<_>>().join(" ").contains("do not say [default: unknown]"));
     fail("import x.th --task no-such-task", 2, &["no-such-task"]);
     fail("import x.th --task SL --predictor value-aware", 2, &["NAME=FILE"]);
 }
@@ -175,7 +199,7 @@ fn inspecting_what_nobody_knows() {
 
 #[test]
 fn helpful_commands_help() {
-    for words in ["--help", "spawn --help", "tasks", "tasks --json", "doctor", "completions bash"] {
+    for words in ["tasks", "tasks --json", "doctor", "completions bash"] {
         assert!(!succeed(words).is_empty());
     }
     assert_eq!(run("").status.code(), Some(2));

@@ -17,14 +17,16 @@ fn commands(document: &Path) -> Vec<String> {
     let lines =
         blocks.collect::<String>().replace("\\\n", " ").replace("cargo run --release --", "vamaro-swarm");
     let ours = lines.lines().filter(|line| line.starts_with("vamaro-swarm "));
-    let alone = |line: &str| {
-        [" #", " | ", " > "].iter().fold(line, |line, end| line.split(end).next().unwrap()).to_owned()
-    };
     ours.map(alone).collect()
 }
 
+/// A command without what others do with its output.
+pub fn alone(line: &str) -> String {
+    [" #", " | ", " > "].iter().fold(line, |line, end| line.split(end).next().unwrap()).to_owned()
+}
+
 /// Has a shell run a command in a folder, which is home to it; what it wrote to stdout.
-fn run(line: &str, folder: &Path) -> String {
+pub fn run_in(line: &str, folder: &Path) -> String {
     let line = line.replacen("vamaro-swarm", "\"$0\"", 1);
     let output = Command::new("sh")
         .args(["-c", &line, PROGRAM])
@@ -44,7 +46,7 @@ fn all_are_understood() {
     assert!(lines.len() > 20, "{lines:?}");
     for line in lines {
         // Options before this one are read first.
-        assert!(run(&format!("{line} --help"), root()).contains("Usage: vamaro-swarm"), "{line}");
+        assert!(run_in(&format!("{line} --help"), root()).contains("Usage: vamaro-swarm"), "{line}");
     }
 }
 
@@ -60,6 +62,6 @@ fn those_that_one_begins_with_run() {
             Some("evaluate") => line + " --episodes 4 --levels 1,0 --in-process",
             _ => line,
         };
-        assert!(!run(&line, folder.path()).is_empty(), "{line}");
+        assert!(!run_in(&line, folder.path()).is_empty(), "{line}");
     }
 }

@@ -127,6 +127,8 @@ fn fitting_changes_nothing_of_a_policy_but_what_it_knows_of_dynamics() {
     fail(&format!("fit {run} --out {}", other.display()), 2, &["is not a policy file; choose another"]);
     fail(&format!("fit {fitted} --imputers hold"), 2, &["\"hold\", which names another imputer"]);
     fail("fit builtin", 2, &["builtin is not a file"]);
+    let said = succeed(&format!("fit {run} --episodes 1 --out {fitted}"));
+    assert!(said.contains("dynamics from 1 episode\n"), "{said}");
     fail(&format!("fit {run} --episodes 0"), 2, &["--episodes"]);
     fail(&format!("fit {run} --physics damping=0.3"), 2, &["needs --out"]);
 }

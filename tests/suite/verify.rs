@@ -255,6 +255,69 @@ fn nothing_compared_is_a_failure() {
     fail(&format!("verify {}", at("half.json")), 1, &["half.json", "JSON"]);
 }
 
+/// What a command prints with `--json`, and its exit code.
+fn json(words: &str) -> (Value, Option<i32>) {
+    let output = run(&format!("{words} --json"));
+    (serde_json::from_slice(&output.stdout).unwrap(), output.status.code())
+}
+
+#[test]
+fn programs_read_what_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    std::fs::copy(data("recordings/hear-see.json"), at("a.json")).unwrap();
+    let (found, code) = json(&format!("verify {}", at("a.json")));
+    assert_eq!((code, &found["holds"], &found["error"]), (Some(0), &Value::Bool(true), &Value::Null));
+    assert_eq!(found["comparisons"].as_array().unwrap().len(), 5);
+    let first = &found["comparisons"][0];
+    assert!(first["deviation"].as_f64() <= first["tolerance"].as_f64() && first["holds"] == true, "{first}");
+
+    let pointer = "/episodes/0/team_reward/3";
+    let tampered = tampered(&data("recordings/hear-see.json"), folder.path(), pointer, Value::from(-1.0));
+    let (found, code) = json(&format!("verify {tampered}"));
+    assert_eq!((code, &found["holds"]), (Some(1), &Value::Bool(false)));
+    let wrong = found["comparisons"].as_array().unwrap().iter().find(|one| one["holds"] == false).unwrap();
+    assert_eq!(wrong["worst"]["step"], 3, "{wrong}");
+
+    // Errors are in the object too, and their exit codes stay what they are.
+    std::fs::write(at("0.json"), "{").unwrap();
+    let (found, code) = json(&format!("verify {}", at("")));
+    assert_eq!(code, Some(1));
+    assert!(found["failed"][0]["error"].as_str().unwrap().contains("0.json"), "{found}");
+    let (found, code) = json(&format!("verify {}", at("missing")));
+    assert_eq!(code, Some(2));
+    assert!(found["error"].as_str().unwrap().contains("there is no file"), "{found}");
+}
+
+#[test]
+fn programs_read_what_a_file_holds() {
+    let (policy, _) = json(&format!("inspect {}", data("traces/hear-see/policy.safetensors").display()));
+    assert_eq!((&policy["kind"], &policy["task"]), (&Value::from("policy"), &Value::from("hear-see")));
+    assert_eq!(policy["predictors"][0]["name"], "value-aware");
+    assert!(
+        policy["tensors"].as_array().unwrap().iter().any(|tensor| tensor["name"] == "actors.0.fc1.weight")
+    );
+    let (trace, _) = json(&format!("inspect {}", data("traces/hear-see/trace.json").display()));
+    assert_eq!((&trace["kind"], &trace["about"]["task"]), (&Value::from("trace"), &Value::from("hear-see")));
+    let rate = trace["episodes"][0]["delivery_rate"].as_f64().unwrap();
+    assert!((0.0..=1.0).contains(&rate), "{rate}");
+    let old = data("checkpoints/before-early-ends/checkpoint.safetensors");
+    let (checkpoint, code) = json(&format!("inspect {}", old.display()));
+    assert_eq!((code, &checkpoint["kind"]), (Some(0), &Value::from("checkpoint")));
+    assert!(checkpoint["timesteps"].as_u64().unwrap() > 0 && checkpoint["config"]["task"].is_string());
+    assert_eq!(run("inspect no-such-file --json").status.code(), Some(2));
+}
+
+#[test]
+fn programs_read_whether_a_machine_is_ready() {
+    let (found, code) = json("doctor");
+    assert_eq!(found["ready"], code == Some(0));
+    let checks = found["checks"].as_array().unwrap();
+    let names: Vec<&str> = checks.iter().map(|check| check["check"].as_str().unwrap()).collect();
+    assert_eq!(names, ["cores", "shared_memory", "place", "open_files", "processes", "dead_swarms"]);
+    assert!(checks.iter().all(|check| check["words"].is_string()));
+}
+
 #[test]
 fn a_trace_without_a_policy_says_where_to_put_one() {
     let folder = tempfile::tempdir().unwrap();

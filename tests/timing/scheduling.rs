@@ -42,6 +42,8 @@ fn play(words: &str, mut look: impl FnMut(Pid)) -> (String, String) {
 fn count(words: &str, holds: impl Fn(Pid) -> bool) -> (usize, String, String) {
     let mut holding = 0;
     let (stdout, stderr) = play(words, |process| holding += usize::from(holds(process)));
+    // Lines are broken where a terminal ends.
+    let stdout = stdout.replace("\n            ", " ");
     let line = stdout.lines().find(|line| line.starts_with("scheduling")).expect(&stdout);
     (holding, line.to_owned(), stderr)
 }

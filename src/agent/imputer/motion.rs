@@ -5,7 +5,7 @@ use super::past::Past;
 use super::slopes::Slopes;
 use super::{JointLayout, Setup, Step};
 use crate::agent::{Inbox, Received};
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::dynamics::{Bodies, Dynamics, Effect, Law};
 use crate::usage;
 
@@ -284,11 +284,13 @@ impl Motion {
 /// `Usage` if it has none, or not of this environment.
 pub(super) fn fitted(setup: &Setup) -> Result<Dynamics> {
     let dynamics = setup.policy.dynamics().filter(|dynamics| dynamics.fits(setup.spec));
-    dynamics.cloned().ok_or_else(|| {
-        usage!(
-            "this policy holds no dynamics of {}; `vamaro-swarm fit POLICY --out FILE` fits them and writes a policy \
-             file that does",
-            setup.spec.id
-        )
-    })
+    dynamics.cloned().ok_or_else(|| no_dynamics(&setup.spec.id))
+}
+
+/// What an imputer that moves things is told of a policy without dynamics.
+pub(super) fn no_dynamics(task: &str) -> Error {
+    usage!(
+        "this policy holds no dynamics of {task}; `vamaro-swarm fit POLICY --out FILE` fits them and writes a policy \
+         file that does"
+    )
 }

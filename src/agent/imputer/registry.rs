@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::dynamics::OwnDynamics;
 use super::hold::Hold;
 use super::imagined::Guess;
+use super::motion::no_dynamics;
 use super::predictor::Prediction;
 use super::teammates::Teammates;
 use super::velocity::Velocity;
@@ -160,7 +161,7 @@ impl Registry {
     /// itself. Without a name: `dynamics` if the policy has them, else its best predictor, or `hold` if it has none.
     ///
     /// # Errors
-    /// `Usage` if there is none, with the names there are.
+    /// `Usage` if there is none, with the names there are; if it needs dynamics and the policy has none.
     pub fn choose(&self, name: Option<&str>, policy: &Policy) -> Result<String> {
         let Some(name) = name else {
             if policy.dynamics().is_some() && self.entry(DEFAULT).is_some() {
@@ -181,6 +182,9 @@ impl Registry {
             }
         }
         match (rest, self.entry(outer).map(|entry| &entry.make)) {
+            (_, Some(Make::WithDynamics(_))) if policy.dynamics().is_none() => {
+                return Err(no_dynamics(&policy.dims().task));
+            }
             (Some(rest), Some(Make::WithDynamics(_))) => self.choose(Some(rest), policy).map(drop)?,
             (Some(_), _) => {
                 return Err(usage!("`{name}`: the imputer `{outer}` takes no other imputer in parentheses"));
@@ -281,6 +285,10 @@ mod tests {
         let untrained = Policy::untrained(policy().dims(), 0, networks).unwrap();
         assert_eq!(registry.choose(None, &untrained).unwrap(), "value-aware");
         assert!(!registry.names(&untrained).any(|name| name == "teammates"));
+        for name in ["dynamics", "kalman(hold)"] {
+            let error = registry.choose(Some(name), &untrained).unwrap_err().to_string();
+            assert!(error.contains("no dynamics of hear-see") && error.contains("fit"), "{error}");
+        }
         assert_eq!(registry.choose(Some("median"), &policy()).unwrap(), "median");
         assert!(registry.help().contains("median (a filter's mean)"));
     }

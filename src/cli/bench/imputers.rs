@@ -23,7 +23,7 @@ use crate::supervisor::signals;
 #[command(after_help = "\
 Examples:
   vamaro-swarm bench imputers
-  vamaro-swarm bench imputers --task hear-see --imputers value-aware,dynamics --json
+  vamaro-swarm bench imputers --task hear-see --imputers maro,dynamics --json
 
 One agent of the built-in policy, on one thread in one world, receives nothing.
 A decision is fuse (the imputer) and the actor; predict comes after the action

@@ -15,6 +15,14 @@ use crate::base::error::Result;
 
 /// Measure how fast this program is on this machine
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  vamaro-swarm bench latency
+  vamaro-swarm bench train --json > before.json
+  # what got slower since?
+  vamaro-swarm bench train --compare before.json
+
+Each has examples of its own: `vamaro-swarm bench latency --help`.")]
 pub struct Bench {
     #[command(subcommand)]
     what: What,

@@ -26,7 +26,7 @@ use crate::supervisor::{
 #[command(after_help = "\
 Examples:
   vamaro-swarm bench rate --svg rate.svg
-  vamaro-swarm bench rate --tasks hear-see --p 0.2 --rates 50,100,200 --episodes 400 --json
+  vamaro-swarm bench rate --tasks hear-see --p 0.2 --rates 50,100,200
 
 The built-in policies play the same episodes with the same links in lockstep and
 at each rate. Lost: how much lower the return is than in lockstep, mean over the

@@ -19,7 +19,7 @@ use crate::supervisor::signals;
 #[command(after_help = "\
 Examples:
   vamaro-swarm bench world
-  vamaro-swarm bench world --tasks spread-xy-4,spread-blindfold-32 --rounds 5 --json
+  vamaro-swarm bench world --tasks spread-xy-4,spread-xy-32 --json
 
 Whole episodes in one world on one thread: a reset, and 25 steps with random
 actions, the rewards and the f32 observations of all agents, before the first

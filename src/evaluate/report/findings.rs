@@ -2,6 +2,7 @@
 
 use super::words;
 use crate::agent::Truth;
+use crate::base::table::counted;
 use crate::evaluate::grouping::distinct;
 use crate::evaluate::{Aggregate, CellSummary, Condition, Group, ImputerSummary, Interval, Summary};
 
@@ -128,7 +129,7 @@ impl<'a> Best<'a> {
         let episodes = summary.settings.episodes;
         let seeds = self.cell.seed_means.len();
         let of = if seeds == 1 { "one policy".to_owned() } else { format!("each of {seeds} policies") };
-        let about = format!("Intervals are over {episodes} episodes of {of}");
+        let about = format!("Intervals are over {} of {of}", counted(episodes, "episode"));
         let others = match self.cell.seed_std {
             None => ": they say nothing about policies from other training runs.".to_owned(),
             Some(std) => format!(

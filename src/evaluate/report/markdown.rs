@@ -1,6 +1,7 @@
 //! `table.md`: the tables of a paper.
 
 use super::words;
+use crate::base::table::counted;
 use crate::evaluate::{CellSummary, Claims, Group, Summary};
 
 /// Two tables, a row per group and imputer and a column per condition: mean return and standard deviation over
@@ -20,9 +21,9 @@ pub fn tables(summary: &Summary) -> String {
         )
     };
     format!(
-        "Mean return +- standard deviation over policies (seeds), {} episodes each{}:\n\n{}\n\
+        "Mean return +- standard deviation over policies (seeds), {} each{}:\n\n{}\n\
          Mean return [95 % interval]; score:\n\n{}",
-        summary.settings.episodes,
+        counted(summary.settings.episodes, "episode"),
         summary.settings.physics.if_other(),
         table(summary, deviation),
         table(summary, interval)

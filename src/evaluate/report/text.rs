@@ -1,26 +1,27 @@
 //! What a terminal shows of an evaluation.
 
 use super::words;
-use crate::base::table::table;
-use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary, Summary};
+use crate::base::table::{counted, table, tables, wrapped};
+use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary, Interval, Summary};
 
-const ORACLES: &str = "NAME+oracle:PART is not an imputer: its agents are told that part of the truth, and NAME imputes the rest\n";
+const ORACLES: &str = "NAME+oracle:PART is not an imputer: its agents are told that part of the truth,\nand NAME imputes the rest\n";
 
 /// Tables of every group: return and score under each condition, and what a curve comes to; then the claims.
 pub fn text(summary: &Summary) -> String {
     let groups = summary.groups.iter().map(|group| {
         let heading = format!(
-            "{}, {} ({}), {} episodes each{}; uniform actions {}\n\n",
+            "{}, {} ({}), {} each{}",
             words::group(group),
             words::policies(group.contenders.len()),
             words::seeds(summary, group),
-            summary.settings.episodes,
-            summary.settings.physics.if_other(),
-            words::plus_minus(&group.random, 1)
+            counted(summary.settings.episodes, "episode"),
+            summary.settings.physics.if_other()
         );
-        heading + &outcomes(group) + &overall(group) + &losses(group)
+        let random = format!("\nuniform actions {}\n\n", words::plus_minus(&group.random, 1));
+        let heading = wrapped(&heading, 2) + &random;
+        [heading, outcomes(group), overall(group), differences(group), losses(group)].concat()
     });
-    let claims = summary.claims.iter().map(|claims| words::claim(claims) + "\n");
+    let claims = summary.claims.iter().map(|claims| wrapped(&words::claim(claims), 2) + "\n");
     let legend = "x +- y: half the width of the 95 % interval, over episodes of these policies;\n\
                   how far policies (seeds) are apart is their standard deviation (std)\n"
         .to_owned();
@@ -29,28 +30,13 @@ pub fn text(summary: &Summary) -> String {
     std::iter::once(legend).chain(groups).chain(claims).collect::<Vec<_>>().join("\n")
 }
 
-/// Return and score, an imputer in each row and a condition in each column, in as many tables as it takes.
+/// Return and score, an imputer in each row and a condition in each column.
 fn outcomes(group: &Group) -> String {
-    const COLUMNS: usize = 100;
-    let conditions = words::conditions(group);
-    let tables_of = |n: usize| -> Vec<String> {
-        let chunks = conditions.chunks(n).enumerate();
-        chunks.map(|(chunk, conditions)| outcomes_under(group, chunk * n, conditions)).collect()
-    };
-    let fits = |tables: &Vec<String>| {
-        tables.iter().flat_map(|table| table.lines()).all(|line| line.chars().count() <= COLUMNS)
-    };
-    let most = (1..=conditions.len()).rev().find(|n| fits(&tables_of(*n)));
-    tables_of(most.unwrap_or(1)).join("\n")
-}
-
-/// The same under some conditions, the first of which is the cell number `first` of each imputer.
-fn outcomes_under(group: &Group, first: usize, conditions: &[&Condition]) -> String {
-    let names: Vec<String> = conditions.iter().copied().map(words::condition).collect();
+    let names: Vec<String> = words::conditions(group).into_iter().map(words::condition).collect();
     let mut header = vec!["mean return"];
     header.extend(names.iter().map(String::as_str));
     let cells = |imputer: &'_ ImputerSummary, value: &dyn Fn(&CellSummary) -> String| {
-        let cells = imputer.cells.iter().skip(first).take(conditions.len()).map(value);
+        let cells = imputer.cells.iter().map(value);
         std::iter::once(words::played(group, imputer)).chain(cells).collect::<Vec<_>>()
     };
     let means = |imputer| cells(imputer, &|cell| words::plus_minus(&cell.mean, 1));
@@ -68,53 +54,63 @@ fn outcomes_under(group: &Group, first: usize, conditions: &[&Condition]) -> Str
         rows.push(vec!["score".to_owned()]);
         rows.extend(group.imputers.iter().map(scores));
     }
-    table(&header, rows)
+    tables(&header, &rows)
 }
 
-/// Areas, p for 90 % of the score, and differences to the baseline at the two lowest levels.
+/// Areas and p for 90 % of the score, if there is more than one level.
 fn overall(group: &Group) -> String {
-    let mut levels: Vec<f64> = words::conditions(group).into_iter().filter_map(Condition::p).collect();
+    if words::conditions(group).into_iter().filter_map(Condition::p).count() < 2 {
+        return String::new();
+    }
+    let row = |imputer| std::iter::once(words::played(group, imputer)).chain(curve(imputer)).collect();
+    let rows = group.imputers.iter().map(row);
+    format!("\n{}", table(&["over p", "return area", "score area", "p for 90 %"], rows))
+}
+
+/// Differences to the baseline at the two lowest levels.
+fn differences(group: &Group) -> String {
+    let Some(baseline) = &group.baseline else { return String::new() };
+    let levels = words::conditions(group).into_iter().filter_map(Condition::p);
+    let mut levels: Vec<f64> = levels.filter(|level| *level < 1.0).collect();
+    levels.sort_by(f64::total_cmp);
+    levels.truncate(2);
     if levels.is_empty() {
         return String::new();
     }
-    levels.retain(|level| *level < 1.0);
-    levels.sort_by(f64::total_cmp);
-    levels.truncate(2);
-    let mut header: Vec<String> =
-        ["over p", "return area", "score area", "p for 90 %"].map(str::to_owned).to_vec();
-    if let Some(baseline) = &group.baseline {
-        header.extend(levels.iter().map(|p| format!("vs {baseline}, p = {p}")));
-    }
+    let names: Vec<String> = levels.iter().map(|p| format!("vs {baseline}, p = {p}")).collect();
+    let header: Vec<&str> = std::iter::once("difference").chain(names.iter().map(String::as_str)).collect();
     let rows = group.imputers.iter().map(|imputer| {
-        let estimate = |interval: &Option<_>, decimals| {
-            interval.as_ref().map_or("-".to_owned(), |interval| words::plus_minus(interval, decimals))
-        };
-        let mut row = vec![
-            words::played(group, imputer),
-            estimate(&imputer.return_area, 1),
-            estimate(&imputer.score_area, 3),
-            imputer.p_for_90.map_or("-".to_owned(), |p| {
-                format!("{} {}", words::p_for_90(imputer, &p), words::ends(&p, 2))
-            }),
-        ];
         let at = |p: &f64| imputer.cells.iter().find(|cell| cell.condition.p() == Some(*p));
         let comparisons = levels.iter().map(|p| at(p).and_then(|cell| cell.comparison));
-        row.extend(comparisons.filter(|_| group.baseline.is_some()).map(|comparison| {
+        let words = comparisons.map(|comparison| {
             comparison.map_or("-".to_owned(), |Comparison { difference, .. }| {
                 let half = (difference.high - difference.low) / 2.0;
                 format!("{} +- {}", words::signed(difference.value, 1), words::number(half, 1))
             })
-        }));
-        row
+        });
+        std::iter::once(words::played(group, imputer)).chain(words).collect()
     });
-    format!("\n{}", table(&header.iter().map(String::as_str).collect::<Vec<_>>(), rows))
+    format!("\n{}", tables(&header, &rows.collect::<Vec<_>>()))
+}
+
+/// What a curve over levels comes to.
+fn curve(imputer: &ImputerSummary) -> [String; 3] {
+    let estimate = |interval: &Option<_>, decimals| {
+        interval.as_ref().map_or("-".to_owned(), |interval| words::plus_minus(interval, decimals))
+    };
+    let p_for_90 = |p: Interval| format!("{} {}", words::p_for_90(imputer, &p), words::ends(&p, 2));
+    [
+        estimate(&imputer.return_area, 1),
+        estimate(&imputer.score_area, 3),
+        imputer.p_for_90.map_or("-".to_owned(), p_for_90),
+    ]
 }
 
 /// What the losses are made of: a line for each sentence.
 fn losses(group: &Group) -> String {
     let line = |(at, sentence): (usize, String)| {
-        let indent = if at == 0 { "\n" } else { "\n  " };
-        format!("{indent}{sentence}")
+        let indent = if at == 0 { "" } else { "  " };
+        format!("\n{}", wrapped(&format!("{indent}{sentence}"), 4))
     };
     let lines = group.losses.iter().flat_map(|loss| words::loss(loss).into_iter().enumerate().map(line));
     let lines: String = lines.collect();
@@ -148,8 +144,8 @@ mod tests {
     fn it_fits_a_terminal_and_leaves_nothing_out() {
         let summary = wide();
         let text = text(&summary);
-        assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
-        assert!(text.contains("spread-xy-4: mappo, 3 policies (seeds 0, 1, 2), 1000 episodes each; uniform"));
+        assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+        assert!(text.contains("spread-xy-4: mappo, 3 policies (seeds 0, 1, 2), 1000 episodes each\nuniform"));
         assert!(text.contains("hear-see: mappo, 1 policy (seed 0), "));
         for group in &summary.groups {
             for cell in group.imputers.iter().flat_map(|imputer| &imputer.cells) {

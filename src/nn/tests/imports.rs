@@ -123,11 +123,21 @@ fn state_dicts_for_something_else() {
     let (mlp, gru, network) = ("mlp-separate.th", "gru-shared.th", "network.th");
     import_with(&dims(), mlp, network).unwrap();
     import_with(&dims(), gru, network).unwrap();
-    check(dims(), network, network, "network.th: tensor fc1.bias is missing");
+    check(
+        dims(),
+        network,
+        network,
+        "network.th: it holds no actors: neither fc1.bias, if all agents share one, nor agents.0.fc1.bias",
+    );
     check(dims(), mlp, gru, "gru-shared.th: tensor linear_1.bias is missing");
     let few = Dims { n_agents: 2, ..dims() };
     check(few.clone(), mlp, network, "mlp-separate.th: unexpected tensor agents.2.");
-    check(few, gru, network, "tensor fc1.weight is [4, 10], expected [4, 9]");
+    check(
+        few,
+        gru,
+        network,
+        "tensor fc1.weight is [4, 10], expected [4, 9], [outputs, inputs], which a policy file keeps as [9, 4], [inputs, outputs]",
+    );
     check(Dims { n_agents: 4, ..dims() }, mlp, network, "tensor agents.3.fc1.weight is missing");
     check(Dims { joint: 8, ..dims() }, mlp, network, "fc1.weight is [4, 7], expected [4, 8]");
     check(Dims { predicted: 7, ..dims() }, mlp, network, "linear_obs.weight is [12, 3], expected [14, 3]");
