@@ -185,7 +185,7 @@ mod tests {
         summary.groups[0].imputers[2].imputer = Truth::Own.oracle("value-aware");
         let page = page::page(&summary, &fixture::provenance());
         assert!(page.contains("No imputer: the agents are told a part of the truth"));
-        assert!(text(&summary).contains("NAME+oracle:PART is no imputer"));
+        assert!(text(&summary).contains("NAME+oracle:PART is not an imputer"));
     }
 
     #[test]
