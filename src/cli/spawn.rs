@@ -151,7 +151,7 @@ pub struct Spawn {
     json: bool,
 }
 
-const REAL_TIME: &str = "Real time (the summary says what the kernel refused; the run continues without it)";
+const REAL_TIME: &str = "Real time (the summary says what the kernel refused; the run continues)";
 
 const FAULTS: &str = "Faults";
 

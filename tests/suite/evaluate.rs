@@ -257,7 +257,7 @@ fn requirements_decide_the_exit_code() {
     // What a swarm uses by itself is not played, so nobody can say how it does.
     let output =
         command(SMALL).args(["--imputers", "hold", "--require", "p=0.3 score>=0.1"]).output().unwrap();
-    assert!(stderr(&output).contains("its default imputer: name another"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("its default imputer; name another"), "{}", stderr(&output));
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("not played with dynamics"), "{}", stderr(&output));
 }

@@ -9,8 +9,8 @@ use serde_json::Value;
 #[test]
 fn the_main_job_runs_and_says_what_it_did() {
     let text = succeed("spawn --agents 4 --p 0.2 --episodes 20");
-    let first = text.lines().next().unwrap();
-    assert!(first.contains("p = 0.2") && first.contains("drop = 0.8"), "{first}");
+    let links = text.lines().nth(1).unwrap();
+    assert!(links.contains("p = 0.2") && links.contains("drop = 0.8"), "{links}");
     for part in
         ["return", "95 %", "delivered", "RMSE", "p50", "p99", "dynamics", "trained by", "5 M env steps"]
     {

@@ -389,7 +389,7 @@ mod tests {
             cell.seed_means.truncate(1);
             cell.seed_std = None;
         }
-        let expected = "Intervals are over 20 episodes of one policy: they say nothing of policies from other training runs.";
+        let expected = "Intervals are over 20 episodes of one policy: they say nothing about policies from other training runs.";
         assert_eq!(certainty(&summary), expected);
         summary.settings.episodes = 19;
         assert!(certainty(&summary).ends_with(" With so few episodes they are too narrow."));

@@ -184,8 +184,8 @@ mod tests {
         assert!(text(&summary).lines().all(|line| line.chars().count() <= 100));
         summary.groups[0].imputers[2].imputer = Truth::Own.oracle("value-aware");
         let page = page::page(&summary, &fixture::provenance());
-        assert!(page.contains("No imputer: the agents are told a part of the truth"));
-        assert!(text(&summary).contains("NAME+oracle:PART is no imputer"));
+        assert!(page.contains("Not an imputer: the agents are told a part of the truth"));
+        assert!(text(&summary).contains("NAME+oracle:PART is not an imputer"));
     }
 
     #[test]

@@ -64,10 +64,10 @@ fn no_file() {
 
 #[test]
 fn no_archive() {
-    failed(b"", "no PyTorch state dict");
-    failed(b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19.", "saved by a PyTorch before 1.6");
-    failed(&[0; 4096], "no PyTorch state dict");
-    failed(b"PK\x03\x04", "no PyTorch state dict");
+    failed(b"", "not a PyTorch state dict");
+    failed(b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19.", "saved by PyTorch before 1.6");
+    failed(&[0; 4096], "not a PyTorch state dict");
+    failed(b"PK\x03\x04", "not a PyTorch state dict");
 }
 
 #[test]
