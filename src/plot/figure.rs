@@ -4,6 +4,7 @@ use super::axis::Scale;
 use super::drawing::{Anchor, Drawing, Face, Ink};
 use super::grid::Grid;
 use super::panel::{Form, Panel};
+#[cfg(feature = "cli")]
 use super::pdf::pdf;
 use super::style::{TEXT, TITLE};
 use super::svg::svg;
@@ -58,6 +59,7 @@ impl Figure {
 
     /// The chart as a PDF document for a column of a paper: 252 points wide, with text of 8 points in Helvetica, and
     /// without the title, for which a paper has captions.
+    #[cfg(feature = "cli")]
     pub fn to_pdf(&self) -> Vec<u8> {
         pdf(&self.draw(&COLUMN, [Scale::Linear; 2]))
     }

@@ -11,6 +11,7 @@ mod drawing;
 mod figure;
 mod grid;
 mod panel;
+#[cfg(feature = "cli")]
 mod pdf;
 mod style;
 mod svg;
