@@ -182,7 +182,7 @@ impl Stage {
     /// Reads every agent's sensor.
     ///
     /// # Errors
-    /// Whatever the environment fails with; `Failed` if a value is no number, or beyond [`is_observable`].
+    /// Whatever the environment fails with; `Failed` if a value is no number, or larger than 1e9.
     pub fn sense(&mut self) -> Result<()> {
         self.environment.observe(self.playing.len(), &mut self.observations)?;
         if is_observable(&self.observations) {
