@@ -255,7 +255,7 @@ fn checkpoints_of_other_runs_and_damaged_ones_are_refused() {
     fs::write(&checkpoint, other).unwrap();
     fail(&resume, 2, &["version 7", "version 1"]);
     fs::copy(run.join("policy.safetensors"), &checkpoint).unwrap();
-    fail(&resume, 2, &["no checkpoint"]);
+    fail(&resume, 2, &["not a checkpoint"]);
     fs::write(&checkpoint, &good).unwrap();
     // Metrics that do not go as far as the checkpoint.
     let metrics = fs::read_to_string(run.join("metrics.csv")).unwrap();

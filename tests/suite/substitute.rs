@@ -199,7 +199,7 @@ fn oracles_are_marked_wherever_a_number_of_theirs_stands() {
     }
     assert!(
         text.contains("is not an imputer: its agents are told")
-            && read("report.html").contains("No imputer: the agents are told")
+            && read("report.html").contains("Not an imputer: the agents are told")
     );
     // Without oracles nothing of this is there, and the cells that are kept are the same.
     let kept = read("cells.jsonl");
