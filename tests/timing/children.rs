@@ -150,7 +150,7 @@ fn an_environment_that_fails_or_panics_takes_the_swarm_down_and_keeps_what_was_c
         assert_gone(&agents, &tag);
         assert_eq!(swarm.statistics().episodes().len(), 2);
         let again = swarm.play(1).unwrap_err().to_string();
-        assert!(again.contains("taken down"), "{again}");
+        assert!(again.contains("shut down"), "{again}");
     }
 }
 
