@@ -34,11 +34,11 @@ const CALLS_A_WAIT: usize = 8;
 const LONGEST_SLEEP: Duration = Duration::from_millis(100);
 
 /// What is played where everybody waits for everybody.
-const LOCKSTEP: &str = "--p 0.5 --episodes 8";
+const LOCKSTEP: &str = "--p 0.5 --episodes 8 --deadline 60s";
 const TICKS: usize = 8 * EPISODE_STEPS;
 
 /// What is played against the clock. A traced process is slow, so it misses ticks.
-const REAL_TIME: &str = "--p 0.5 --rate 1000 --episodes 60";
+const REAL_TIME: &str = "--p 0.5 --rate 1000 --episodes 60 --deadline 60s";
 const PERIODS: usize = 60 * EPISODE_STEPS;
 
 /// How long a traced process stands still at each stop.
