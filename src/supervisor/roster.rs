@@ -21,7 +21,7 @@ pub enum OnFailure {
 
 /// How an agent was lost.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Loss {
+pub(super) enum Loss {
     /// Its process has ended; how, and what it said last.
     Died(String),
     /// It did not do its part in time, so it was killed.

@@ -55,11 +55,11 @@ fn running(swarm: &Swarm) -> Vec<Pid> {
 }
 
 /// Kills agents one after the other, each when all are there. Returns what the swarm held after the first of them were
-/// replaced, and at the end, and how long each took to be replaced.
-fn kill_often(agents: usize, kills: usize) -> (Vec<Held>, Vec<Duration>) {
+/// replaced, and at the end.
+fn kill_often(agents: usize, kills: usize) -> Vec<Held> {
     let words = format!("--agents {agents} --policy untrained --imputer hold --p 0.5 --deadline 60s");
     let swarm = Swarm::start(&words);
-    let (mut held, mut times) = (Vec::new(), Vec::new());
+    let mut held = Vec::new();
     for kill in 0..=kills {
         let deadline = Instant::now() + Duration::from_secs(60);
         let there = loop {
@@ -70,12 +70,8 @@ fn kill_often(agents: usize, kills: usize) -> (Vec<Held>, Vec<Duration>) {
             assert!(Instant::now() < deadline, "nobody comes back after {kill} kills");
             std::thread::sleep(Duration::from_millis(1));
         };
-        let killed = Instant::now();
         // It plays again.
         common::await_sleeps(swarm.supervisor(), 20);
-        if kill > 0 {
-            times.push(killed.elapsed());
-        }
         // After each has been killed once, all is as it will be.
         if kill == agents || kill == kills {
             held.push(Held::by(&swarm));
@@ -98,11 +94,11 @@ fn kill_often(agents: usize, kills: usize) -> (Vec<Held>, Vec<Duration>) {
     assert!(stdout.contains(&deaths), "{stdout}");
     println!("{stdout}");
     common::assert_gone(&[], &tag);
-    (held, times)
+    held
 }
 
 fn check(agents: usize, kills: usize) {
-    let (held, _) = kill_often(agents, kills);
+    let held = kill_often(agents, kills);
     println!("after {agents} kills and after {kills}: {held:#?}");
     let [first, last] = held[..] else { panic!("{held:?}") };
     // Queues of the moment take a page more or less.
