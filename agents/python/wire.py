@@ -72,7 +72,8 @@ class Port:
         self.index, self.layout, self.swarm = told["agent"], wire["layout"], int(address["tag"], 16)
         self.spins = told["wait"] == "spin"
         self.patience = told["peers"]["secs"]
-        self.own, self.peers = None, {}
+        self.own, self.decided = None, None  # the tick's sensor message; the tick of the last decision
+        self.peers, self.started = {}, {}  # observations by sender and tick; how often each peer was started
         config = iox2.config.default()
         config.global_cfg.root_path = iox2.Path.new(wire["root"])
         config.global_cfg.prefix = iox2.FileName.new(wire["prefix"])
@@ -82,7 +83,6 @@ class Port:
         ).create(iox2.ServiceType.Ipc)
         if told["incarnation"] > 0:
             self.node.try_cleanup_dead_nodes()  # the one before this still holds its places
-        size = 1 << 20
         self._sensor = self._words(f"sensor-{self.index}").subscriber_builder().buffer_size(2).create()
         observations, decisions = self._words("observations"), self._words("decisions")
         self._observations_in = observations.subscriber_builder().buffer_size(2).create()
@@ -155,8 +155,6 @@ class Port:
             self.wake()
         self.decided = self.own.header.tick
 
-    decided = None
-
     def _publish(self):
         words = self.own.observations.view(np.uint32).ravel()
         self._send(self._observations_out, self.own.header, OBSERVATION, words)
@@ -168,14 +166,12 @@ class Port:
         sensed = None
         while sample := self._sensor.receive():
             header, words = self._read(sample)
-            if header.protocol != PROTOCOL or header.swarm != self.swarm:
-                sys.exit(f"error: agent-{self.index} got a message it cannot read")
-            if header.kind == SHUTDOWN:
+            ours = header.protocol == PROTOCOL and header.swarm == self.swarm and header.length == len(words)
+            if ours and header.kind == SHUTDOWN:
                 return "leave"
-            expected = words_of_ages(header.worlds, self.layout["agents"]) + header.worlds * (
-                self.layout["action"] + 2 + self.layout["observation"]
-            )
-            if header.kind != SENSOR or len(words) != expected:
+            each = self.layout["action"] + 2 + self.layout["observation"]
+            expected = words_of_ages(header.worlds, self.layout["agents"]) + header.worlds * each
+            if not ours or header.kind != SENSOR or len(words) != expected:
                 sys.exit(f"error: agent-{self.index} got a message it cannot read")
             if header.incarnation and header.tick == self.decided:
                 continue  # sent again for a tick that is decided
@@ -189,8 +185,11 @@ class Port:
             values = words.view(np.float32)
             fits = header.protocol == PROTOCOL and header.kind == OBSERVATION and header.swarm == self.swarm
             fits = fits and header.sender < agents and len(values) == header.worlds * length
-            if fits and np.all(np.abs(values) <= LARGEST):
-                self.peers[header.sender, header.tick] = header, values.reshape(header.worlds, length)
+            if fits and header.incarnation >= self.started.get(header.sender, 0) and np.all(np.abs(values) <= LARGEST):
+                self.started[header.sender] = header.incarnation
+                # What was said of a tick stands.
+                message = header, values.reshape(header.worlds, length)
+                self.peers.setdefault((header.sender, header.tick), message)
         oldest = self.own.header.tick - self.told["address"]["longest_delay"]
         self.peers = {key: kept for key, kept in self.peers.items() if key[1] >= oldest}
 
@@ -225,10 +224,10 @@ class Port:
 
     @staticmethod
     def _read(sample):
-        """A copy of a message. Its length is the header's: `len()` of iceoryx2's slices counts bytes in 0.10.0."""
+        """A copy of a message. Its words are counted by iceoryx2's own header: `len()` of a slice counts bytes in 0.10.0."""
         header = Header.from_buffer_copy(ctypes.string_at(sample.user_header_ptr, ctypes.sizeof(Header)))
-        length = min(header.length, sample.header().number_of_elements if callable(sample.header) else sample.header.number_of_elements)
-        return header, np.frombuffer(ctypes.string_at(sample.payload_ptr, 4 * length), np.uint32)
+        words = ctypes.string_at(sample.payload_ptr, 4 * sample.header.number_of_elements)
+        return header, np.frombuffer(words, np.uint32)
 
     def _words(self, name):
         service = self.node.service_builder(iox2.ServiceName.new(name)).publish_subscribe(iox2.Slice[ctypes.c_uint32])

@@ -3,15 +3,52 @@
 use super::{Decisions, Loss, Processes, Tick};
 use crate::base::error::Result;
 use crate::base::scheduling::Granted;
-use crate::bus::{Kind, PROTOCOL, Sample, SharedSample};
+use crate::bus::{Header, Kind, PROTOCOL, Sample, SharedSample};
 use crate::failed;
 
 /// The message that is due.
 #[derive(Clone, Copy, Debug)]
-struct Due {
-    kind: Kind,
-    tick: u64,
-    words: usize,
+pub(super) struct Due {
+    pub(super) kind: Kind,
+    pub(super) tick: u64,
+    pub(super) words: usize,
+}
+
+impl Due {
+    /// What is wrong with a message, other than that it is late: of an agent whose messages have this `swarm`, `sender` and
+    /// `incarnation`.
+    pub(super) fn fault_of(&self, sample: &SharedSample, expected: &Header) -> Option<String> {
+        let (header, words) = (sample.header(), sample.words().len());
+        if header.protocol != PROTOCOL {
+            return Some(format!(
+                "speaks version {} of the protocol, and this program version {PROTOCOL}",
+                header.protocol
+            ));
+        }
+        if header.sender != expected.sender {
+            return Some(format!("speaks for agent-{}", header.sender));
+        }
+        if header.swarm != expected.swarm {
+            return Some(format!("speaks of another swarm, {:08x}", header.swarm));
+        }
+        if header.incarnation != expected.incarnation {
+            return Some(format!(
+                "says that it was started {} times before, not {}",
+                header.incarnation, expected.incarnation
+            ));
+        }
+        if header.tick != self.tick {
+            let ahead = header.tick > self.tick;
+            return ahead.then(|| format!("is at tick {} when tick {} is played", header.tick, self.tick));
+        }
+        let fits = header.fits(self.kind, expected.swarm, self.words) && words == self.words;
+        (!fits).then(|| {
+            format!(
+                "sent {words} words as a message of kind {} with {}, when one of kind {} with {} is due",
+                header.kind, header.length, self.kind as u32, self.words
+            )
+        })
+    }
 }
 
 impl Processes {
@@ -100,42 +137,15 @@ impl Processes {
             return Ok(Some(agent));
         }
         if let Some(speaker) = speaker
-            && let Some(fault) = self.fault_of(speaker, sample, due)
+            && let Some(fault) = due.fault_of(sample, &self.expected_of(speaker))
         {
             self.lose(speaker, Loss::Hung(fault))?;
         }
         Ok(None)
     }
 
-    /// What is wrong with a message that is not the one due of an agent, if it is not just late.
-    fn fault_of(&self, agent: usize, sample: &SharedSample, due: Due) -> Option<String> {
-        let header = sample.header();
-        let (words, incarnation) = (sample.words().len(), self.roster.incarnation(agent));
-        if header.protocol != PROTOCOL {
-            return Some(format!(
-                "speaks version {} of the protocol, and this program version {PROTOCOL}",
-                header.protocol
-            ));
-        }
-        if header.sender as usize != agent {
-            return Some(format!("speaks for agent-{}", header.sender));
-        }
-        if header.swarm != self.identity.swarm {
-            return Some(format!("speaks of another swarm, {:08x}", header.swarm));
-        }
-        if header.incarnation != incarnation {
-            return Some(format!(
-                "says that it was started {} times before, not {incarnation}",
-                header.incarnation
-            ));
-        }
-        if header.tick != due.tick {
-            return (header.tick > due.tick)
-                .then(|| format!("is at tick {} when tick {} is played", header.tick, due.tick));
-        }
-        Some(format!(
-            "sent {words} words as a message of kind {} with {}, when one of kind {} with {} is due",
-            header.kind, header.length, due.kind as u32, due.words
-        ))
+    /// What all messages of an agent have in common.
+    fn expected_of(&self, agent: usize) -> Header {
+        Header { sender: agent as u32, incarnation: self.roster.incarnation(agent), ..self.identity }
     }
 }

@@ -159,6 +159,17 @@ impl Children {
         }
     }
 
+    /// Waits for the first to end by itself. Its exit code, -1 if it was killed; `None` if it is still there after `longest`.
+    pub(super) fn await_exit(&mut self, longest: Duration) -> Result<Option<i32>> {
+        let Some(process) = self.processes.first_mut().and_then(Option::as_mut) else { return Ok(None) };
+        if !process.await_end(Instant::now() + longest) {
+            return Ok(None);
+        }
+        process.end_group();
+        let status = process.child.wait().map_err(|e| failed!("cannot watch {}: {e}", process.name))?;
+        Ok(Some(status.code().unwrap_or(-1)))
+    }
+
     /// Lets processes that were told to leave do so within `longest`, and ends those that do not.
     pub(crate) fn reap(&mut self, longest: Duration) {
         let deadline = Instant::now() + longest;

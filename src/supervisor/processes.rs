@@ -387,7 +387,7 @@ fn check_others(others: &[(usize, AgentCommand)], team: usize) -> Result<()> {
 }
 
 /// What wakes the supervisor of a swarm when one of its agents has ended. A wake-up that fails is one that is late.
-fn waker(address: &SwarmAddress) -> impl FnMut() + Send + 'static {
+pub(super) fn waker(address: &SwarmAddress) -> impl FnMut() + Send + 'static {
     let address = address.clone();
     move || drop(wake_supervisor(&address))
 }
