@@ -169,7 +169,8 @@ Examples:
   # where did each input of the policies come from?
   vamaro-swarm spawn --agents 6 --policy untrained --links dynamic --audit
   # agent 2 is a program of yours
-  vamaro-swarm spawn --agents 4 --imputer hold --agent '2=python3 agents/python/hold.py'
+  vamaro-swarm spawn --agents 4 --imputer hold \\
+    --agent '2=python3 agents/python/hold.py'
   # in real time, 100 Hz
   vamaro-swarm spawn --agents 4 --p 0.2 --rate 100
   # agents are killed; exit code 3 if the team falls short
