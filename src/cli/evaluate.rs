@@ -14,7 +14,7 @@ use crate::bus::Wait;
 use crate::environment::{PhysicsSpec, Task};
 use crate::evaluate::report::{self, Provenance};
 use crate::evaluate::{Condition, Entrant, Place, Record, Requirement, Settings, Summary, Sweep, Verdict};
-use crate::link;
+use crate::link::{self, Site};
 use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
 use crate::usage;
@@ -261,9 +261,8 @@ impl Evaluate {
             _ => Err(usage!("--modes: {text:?} is not one of uniform, asymmetric and dynamic")),
         };
         // A matrix is for teams of one size.
-        let for_all = |text: &str, parse: fn(&str, usize) -> Result<Condition>| {
-            let teams = entrants.iter().map(|entrant| entrant.task.spec().n_agents());
-            let read = teams.map(|agents| parse(text, agents));
+        let for_all = |text: &str, parse: fn(&str, Site) -> Result<Condition>| {
+            let read = entrants.iter().map(|entrant| parse(text, entrant.task.spec().into()));
             read.reduce(|all, one| all.and(one)).expect("there are policies")
         };
         let all = self.levels.iter().map(|text| ("--levels", level(text)));
@@ -341,10 +340,9 @@ impl Evaluate {
 
     /// The requirements, each with its imputer. An error for one that nothing of what is played can meet.
     fn requirements(&self, sweep: &Sweep) -> Result<Vec<Requirement>> {
-        let agents = sweep.entrants[0].task.spec().n_agents();
+        let site = Site::from(sweep.entrants[0].task.spec());
         let with_imputer = |text: &String| {
-            let requirement =
-                Requirement::parse(text, agents).map_err(|error| usage!("--require {error}"))?;
+            let requirement = Requirement::parse(text, site).map_err(|error| usage!("--require {error}"))?;
             let wrong = |why: String| usage!("--require '{requirement}': {why}");
             if !sweep.conditions.contains(&requirement.condition) {
                 return Err(wrong(format!("{} is not played", requirement.condition)));

@@ -16,6 +16,7 @@ mod early_ends;
 mod evaluate;
 mod help;
 mod imputers;
+mod links;
 mod lost_is_lost;
 mod parity;
 mod physics;
