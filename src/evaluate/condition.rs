@@ -37,9 +37,9 @@ impl Condition {
         let (text, links) = (text.trim(), LinkSpec::parse(text, site)?);
         let name = match links.p() {
             Some(p) => return Condition::level(p),
-            None if Path::new(text).is_file() => format!("{links}({text})"),
-            // Links do not know their files.
-            None if links.matrices().next().is_some() || links.logs().next().is_some() => text.to_owned(),
+            None if links.matrix().is_some() && Path::new(text).is_file() => format!("matrix({text})"),
+            // Links do not know the files of their matrices.
+            None if links.matrices().next().is_some() => text.to_owned(),
             None => links.to_string(),
         };
         Ok(Condition { links, chaos: None, name })

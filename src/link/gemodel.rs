@@ -58,7 +58,6 @@ impl Link for Gemodel {
 #[cfg(test)]
 mod tests {
     use super::super::testing::{Losses, STEPS, links, rows_of};
-    use super::*;
 
     #[test]
     fn the_mean_loss_holds_at_every_step() {
@@ -81,7 +80,8 @@ mod tests {
     fn with_certain_losses_it_is_gilbert() {
         let [mut full, mut simple] = ["gemodel(0.1, 0.3)", "gilbert(0.1, 0.3)"].map(links);
         for episode in 0..20 {
-            [&mut full, &mut simple].map(|links| links.begin(0, episode));
+            full.begin(0, episode);
+            simple.begin(0, episode);
             for step in 0..STEPS {
                 assert_eq!(rows_of(&mut full, episode, step, 5), rows_of(&mut simple, episode, step, 5));
             }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::registry::{Argument, MODELS, Model, Parameter};
 use super::{CommunicationMatrix, Links, RadioLog, netem};
@@ -78,6 +79,15 @@ impl LinkSpec {
         LinkSpec::parse(&format!("level({p})"), 1)
     }
 
+    /// Links by the rows of a communication matrix.
+    ///
+    /// # Errors
+    /// `Usage` if these are none.
+    pub(crate) fn fixed(rows: &[Vec<f64>]) -> Result<LinkSpec> {
+        let matrix = Argument::Matrix(Arc::new(CommunicationMatrix::of(rows)?));
+        Ok(LinkSpec { parts: vec![Part { model: &super::matrix::MODEL, arguments: vec![matrix] }] })
+    }
+
     /// These links, and others behind them.
     ///
     /// # Errors
@@ -111,6 +121,19 @@ impl LinkSpec {
     /// The models, in the order of the chain.
     pub fn models(&self) -> impl Iterator<Item = &'static Model> {
         self.parts.iter().map(|part| part.model)
+    }
+
+    /// The parameters that are numbers, with their values, in the order of the chain.
+    pub(crate) fn numbers(&self) -> Vec<(&'static str, f64)> {
+        let number = |(parameter, argument): (&Parameter, &Argument)| match argument {
+            Argument::Number(value) => Some((parameter.name, *value)),
+            _ => None,
+        };
+        let of_part = |part: &Part| {
+            let parameters = part.model.parameters.iter().zip(&part.arguments);
+            parameters.filter_map(number).collect::<Vec<_>>()
+        };
+        self.parts.iter().flat_map(of_part).collect()
     }
 
     /// The matrices that have been read for it, in the order of the chain.
@@ -192,7 +215,7 @@ impl PartialEq for Part {
 }
 
 impl fmt::Display for LinkSpec {
-    /// As it is read, but for the paths of files.
+    /// As it is read, but for the path of a matrix.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let parts: Vec<String> = self.parts.iter().map(Part::to_string).collect();
         f.write_str(&parts.join(" + "))
@@ -206,7 +229,8 @@ impl fmt::Display for Part {
             let value = match argument {
                 Argument::Number(value) => value.to_string(),
                 Argument::Word(word) => (*word).to_owned(),
-                Argument::Matrix(_) | Argument::Log(_) => return None,
+                Argument::Log(log) => log.path().to_owned(),
+                Argument::Matrix(_) => return None,
             };
             let named = || format!("{}={value}", parameter.name);
             Some(model.is_second().then(named).unwrap_or(value))
@@ -232,6 +256,9 @@ fn read(model: &Model, text: &str, agents: usize) -> Result<Vec<Argument>> {
         _ if text.trim().is_empty() => Vec::new(),
         // A path may hold anything.
         [Parameter { domain, .. }] if domain.is_file() => vec![text.trim()],
+        _ if text.contains('[') => {
+            return Err(usage!("a list of values, as in `{text}`, is for `evaluate --links` alone"));
+        }
         _ => split(text, ','),
     };
     for (at, written) in written.into_iter().enumerate() {
@@ -361,6 +388,7 @@ mod tests {
             ("level(nan)", "p: `nan` is not a probability"),
             ("level(0.5, 1)", "`1` is one argument too many"),
             ("level(0.5, p=1)", "`p` is given twice"),
+            ("level([0.5, 1])", "is for `evaluate --links` alone"),
             ("level(q=1)", "there is no parameter `q`"),
             ("level(0.5", "a `)` is missing"),
             ("uniform(1)", "`1` is one argument too many; expected uniform"),

@@ -54,6 +54,8 @@ impl Link for Trace {
 /// Which observations arrived, and after how many ticks, as it was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RadioLog {
+    /// Where it was read; nothing if it was not in a file.
+    path: String,
     agents: usize,
     steps: usize,
     /// Ticks from sending to arrival, `[step, receiver, sender]`; `None` for what never arrived.
@@ -69,7 +71,14 @@ impl RadioLog {
     /// Reads the log of a team of `agents` from a file, see [`RadioLog::parse`].
     pub fn read(path: &Path, agents: usize) -> Result<RadioLog> {
         let text = regular::read_text(path, LARGEST)?;
-        RadioLog::parse(&text, agents).map_err(|e| usage!("log of a radio {}: {e}", path.display()))
+        let log = RadioLog::parse(&text, agents);
+        let log = log.map_err(|e| usage!("log of a radio {}: {e}", path.display()))?;
+        Ok(RadioLog { path: path.display().to_string(), ..log })
+    }
+
+    /// Where it was read.
+    pub(super) fn path(&self) -> &str {
+        &self.path
     }
 
     /// Parses CSV: the columns `step,receiver,sender,delivered`, and `delay` where there are any; a row for each step from
@@ -106,7 +115,7 @@ impl RadioLog {
             ));
         }
         let ticks = found.into_iter().map(|ticks| ticks.unwrap_or(Some(0))).collect();
-        Ok(RadioLog { agents, steps, ticks })
+        Ok(RadioLog { path: String::new(), agents, steps, ticks })
     }
 
     /// Tells logs apart, 16 hexadecimal digits (FNV-1a).

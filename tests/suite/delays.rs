@@ -180,7 +180,7 @@ fn processes_and_none_see_the_same_and_traces_of_it_can_be_verified() {
         let [processes, none] =
             [("a.json", ""), ("b.json", "--in-process")].map(|(name, how)| trace(name, how));
         assert_eq!(std::fs::read(&processes).unwrap(), std::fs::read(&none).unwrap(), "{task}, {imputer}");
-        assert!(succeed(&format!("verify {}", processes.display())).contains("9 comparisons hold"));
+        assert!(succeed(&format!("verify {}", processes.display())).contains("10 comparisons hold"));
         let recording = Recording::read(&processes).unwrap();
         assert_eq!(recording.header.links.as_deref(), Some("level(0.9) + delay(2, 2)"));
         let ages =

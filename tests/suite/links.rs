@@ -2,13 +2,13 @@
 
 use serde_json::Value;
 
-use crate::common::{command, fail, succeed};
+use crate::common::{command, fail, stderr, succeed};
 
 /// What `spawn --json` says of ten episodes of hear-see with these links.
 fn spawn(links: &str, more: &str) -> Value {
     let mut command = command(&format!("spawn --task hear-see --episodes 10 --json --audit {more}"));
     let output = command.args(["--links", links]).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{links}: {}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{links}: {}", stderr(&output));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
@@ -31,6 +31,36 @@ fn every_model_plays_and_delivers_what_it_says() {
         let rate = spawn(links, "--in-process")["delivery_rate"].as_f64().unwrap();
         assert!((rate - delivered).abs() < 1e-12, "{links}: {rate}, not {delivered}");
     }
+}
+
+#[test]
+fn what_a_trace_says_of_links_is_drawn_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    std::fs::write(at("log.csv"), "step,receiver,sender,delivered,delay\n0,0,1,1,2\n0,1,0,0,\n").unwrap();
+    std::fs::write(at("matrix.txt"), "1 0.5\n0.25 1\n").unwrap();
+    let record = |links: &str| {
+        let mut command =
+            command("spawn --task hear-see --episodes 3 --worlds 2 --in-process --imputer hold");
+        let output = command.args(["--links", links, "--record", &at("trace.json")]).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{links}: {}", stderr(&output));
+    };
+    let chain =
+        "gemodel(0.1, 0.3, 0.9) + range(1.5, noise_floor=-20) + latency(1, 1) + jam(x=0, y=0, radius=0.2)";
+    for links in ["level(0.3)", "dynamic", chain, &at("log.csv"), &at("matrix.txt"), "budget(32) + tdma(2)"] {
+        record(links);
+        let text = succeed(&format!("verify {}", at("trace.json")));
+        assert!(text.contains("links: what arrived, and when"), "{links}: {text}");
+    }
+    // Of another seed, links are others.
+    record(chain);
+    let text = std::fs::read_to_string(at("trace.json")).unwrap();
+    std::fs::write(at("trace.json"), text.replacen("\"seed\":0", "\"seed\":1", 1)).unwrap();
+    fail(&format!("verify {}", at("trace.json")), 1, &["links: what arrived, and when"]);
+    // Of a chain with a matrix the file is not known, so the links are left out.
+    record(&format!("matrix({}) + delay(1)", at("matrix.txt")));
+    let text = succeed(&format!("verify {}", at("trace.json")));
+    assert!(!text.contains("links:"), "{text}");
 }
 
 #[test]
