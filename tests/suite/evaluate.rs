@@ -34,7 +34,9 @@ fn one_parameter_of_links_may_be_swept() {
         "evaluate builtin --task hear-see --levels 1,0.2 --imputers hold,dynamics --episodes 20 --in-process";
     let sweep = |links: &[&str], more: &[&str]| {
         let mut command = command(words);
-        links.iter().for_each(|links| drop(command.args(["--links", links])));
+        for links in links {
+            command.args(["--links", links]);
+        }
         command.args(more).output().unwrap()
     };
     let links = ["gilbert(loss=0.8, burst=[5,20])", "delay([0,4])"];
