@@ -260,7 +260,7 @@ mod tests {
             if let Ok(scene) = self.pictures.taken.try_recv() {
                 self.scenes.push(*scene);
             }
-            if stage.tick().tick % self.every == 0 {
+            if stage.tick().tick.is_multiple_of(self.every) {
                 self.pictures.wanted.try_send(Box::default()).unwrap();
             }
             Ok(())

@@ -63,7 +63,7 @@ fn draw_title(frame: &mut Frame, area: Rect, look: &Look) {
         left.push(Span::styled(format!("  1 of {} worlds", facts.worlds), theme.faint()));
     }
     let style = if desk.stands { theme.loud() } else { theme.heading() };
-    let right = Line::styled(format!("{} ", desk.speed_words()), style);
+    let right = Line::from(Span::styled(format!("{} ", desk.speed_words()), style));
     frame.render_widget(Line::from(left), area);
     frame.render_widget(right.right_aligned(), area);
 }

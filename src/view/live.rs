@@ -92,6 +92,11 @@ impl Live {
         let _ = self.begin.send(drawer);
         Ok((film, control))
     }
+
+    /// Gives the terminal back.
+    pub(crate) fn close(self) {
+        drop(self);
+    }
 }
 
 impl Drop for Live {

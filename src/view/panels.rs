@@ -69,7 +69,7 @@ fn draw_agents(frame: &mut Frame, area: Rect, look: &Look, scene: &Scene) {
     let first = (look.desk.chosen + 1).saturating_sub(rows).min(n.saturating_sub(rows));
     let largest = scene.errors.iter().flatten().copied().fold(0.0, f64::max);
     let room = usize::from(inside.width).saturating_sub(START);
-    let heading = if n <= room { (0..n).map(|sender| digit(sender)).collect() } else { "of".to_owned() };
+    let heading = if n <= room { (0..n).map(digit).collect() } else { "of".to_owned() };
     let mut lines =
         vec![Line::styled(format!("{:<START$}{heading}", "   error         hears"), look.theme.faint())];
     lines.extend((first..n).take(rows).map(|agent| {
@@ -126,7 +126,7 @@ fn draw_ticks(frame: &mut Frame, area: Rect, look: &Look, totals: &Totals) {
     let late = late_rate.map_or("-".to_owned(), percent);
     let rate = look.rate.map_or("-".to_owned(), |rate| format!("{rate:.0} ticks/s"));
     let lines = [
-        line("time", format!("p50 {tick_p50_us:.0}, p99 {tick_p99_us:.0} us"), look),
+        line("time", time_words(tick_p50_us, tick_p99_us), look),
         line("rate", rate, look),
         line("missed", format!("{}, late {late}", share(missed)), look),
         line("absent", share(absent), look),
@@ -136,6 +136,15 @@ fn draw_ticks(frame: &mut Frame, area: Rect, look: &Look, totals: &Totals) {
 
 fn line<'a>(about: &'a str, words: String, look: &Look) -> Line<'a> {
     Line::from(vec![Span::styled(format!("{about:<11}"), look.theme.faint()), Span::raw(words)])
+}
+
+/// Both in microseconds, or in milliseconds where they are long.
+fn time_words(p50_us: f64, p99_us: f64) -> String {
+    if p99_us < 10_000.0 {
+        format!("p50 {p50_us:.0}, p99 {p99_us:.0} us")
+    } else {
+        format!("p50 {:.1}, p99 {:.1} ms", p50_us / 1e3, p99_us / 1e3)
+    }
 }
 
 fn percent(share: f64) -> String {
@@ -151,5 +160,11 @@ mod tests {
         assert_eq!(heights(&[5.0, -3.0, -1.0, 1.0], 3), [8, 36, 64]);
         assert_eq!(heights(&[-2.0, -2.0], 9), [32, 32]);
         assert!(heights(&[], 9).is_empty());
+    }
+
+    #[test]
+    fn long_times_have_fewer_digits() {
+        assert_eq!(time_words(161.4, 225.0), "p50 161, p99 225 us");
+        assert_eq!(time_words(1765.0, 32408.0), "p50 1.8, p99 32.4 ms");
     }
 }

@@ -59,7 +59,8 @@ impl Theme {
 
     /// What matters less.
     pub(super) fn faint(self) -> Style {
-        Style::new().fg(self.colour(Color::DarkGray)).add_modifier(Modifier::DIM)
+        let dim = if self.colours { Modifier::empty() } else { Modifier::DIM };
+        Style::new().fg(self.colour(Color::DarkGray)).add_modifier(dim)
     }
 
     /// What is to be noticed.
