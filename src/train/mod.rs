@@ -54,7 +54,7 @@ mod trial;
 pub use actor::ActorLosses;
 pub use batch::{Batch, Trajectories};
 pub(crate) use checkpoint::{Checkpoint, Progress};
-pub use config::{AdvantageKind, Algorithm, Config, Preset, TrainMode, TrainP};
+pub use config::{AdvantageKind, Algorithm, Config, Preset, TrainP};
 pub use critic::CriticLosses;
 pub use ends::Ends;
 pub use fit::{Feed, FitSettings, PredictorFit, fit_predictor};
