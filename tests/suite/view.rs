@@ -144,7 +144,7 @@ fn keys_pause_step_choose_set_p_and_end() {
     seat.press("\t]");
     seat.sees(&["the world as agent 1 knows it", "p = 0.55", "paused"]);
     seat.press("k");
-    seat.sees(&["agent 1 is killed before the next tick"]);
+    seat.sees(&["agent 1 is killed; k starts it anew"]);
     seat.press("..");
     seat.sees(&[" 1 absent", "it is not there"]);
     seat.press("km ");
@@ -197,7 +197,7 @@ fn a_terminal_may_be_tiny_grow_and_vanish() {
     tcsetwinsize(&seat.terminal, size(100, 30)).unwrap();
     seat.sees(&["the world as agent 0 knows it", "uniform", "hears 01"]);
     seat.press("]");
-    seat.sees(&["these links have no level that could be set"]);
+    seat.sees(&["these links have no level to set"]);
     // Both ends go, as if a window were closed.
     let Seat { program, keyboard, terminal, .. } = &mut seat;
     let nowhere = || OwnedFd::from(File::open("/dev/null").unwrap());
