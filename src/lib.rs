@@ -71,6 +71,7 @@
 //! | `latency` | how long hops, ticks and decisions take, beside what others do |
 //! | `verify` | recomputes recorded episodes and updates |
 //! | [`cli`] | one file per command |
+//! | `python` | the wheel: the library for Python |
 
 #![warn(clippy::match_bool, clippy::unwrap_used)]
 // Rooms keep for the commands what nobody else calls.
@@ -98,6 +99,8 @@ pub mod link;
 pub(crate) mod metrics;
 pub mod nn;
 pub(crate) mod plot;
+#[cfg(feature = "python")]
+mod python;
 pub mod recording;
 pub mod supervisor;
 pub mod train;

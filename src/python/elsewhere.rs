@@ -1,0 +1,69 @@
+//! An environment that lives in Python.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use glam::DVec2;
+
+use crate::base::error::Result;
+use crate::environment::{Environment, Outcome, Spec, State};
+use crate::failed;
+
+/// What the agents of one world observe is told from outside; all else happens there.
+pub(super) struct Elsewhere {
+    spec: Spec,
+    told: Told,
+}
+
+/// What agents observe now, `[agents, observation]`, zero-padded.
+#[derive(Clone)]
+pub(super) struct Told(Arc<Mutex<Vec<f32>>>);
+
+impl Told {
+    /// Tells it.
+    pub(super) fn tell(&self, write: impl FnOnce(&mut [f32])) {
+        write(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+}
+
+impl Elsewhere {
+    /// The environment, and what it is told by.
+    pub(super) fn new(spec: Spec) -> (Elsewhere, Told) {
+        let told = Told(Arc::new(Mutex::new(vec![0.0; spec.n_agents() * spec.padded_obs_dim()])));
+        (Elsewhere { spec, told: told.clone() }, told)
+    }
+}
+
+impl Environment for Elsewhere {
+    fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    fn worlds(&self) -> usize {
+        1
+    }
+
+    fn reset(&mut self, _world: usize, _seed: u64, _episode: u64) -> Result<()> {
+        Ok(())
+    }
+
+    fn observe(&mut self, _worlds: usize, out: &mut [f32]) -> Result<()> {
+        self.told.tell(|told| out.copy_from_slice(told));
+        Ok(())
+    }
+
+    fn step(&mut self, _actions: &[u32], _playing: &[bool], _outcome: &mut Outcome) -> Result<()> {
+        Ok(())
+    }
+
+    fn state(&self, _world: usize) -> State {
+        State::default()
+    }
+
+    fn set_state(&mut self, _world: usize, _state: &State, _last_actions: Option<&[u32]>) -> Result<()> {
+        Err(failed!("{} lives in Python, where alone its state can be set", self.spec.id))
+    }
+
+    fn positions(&self, _world: usize) -> &[DVec2] {
+        &[]
+    }
+}
