@@ -1,11 +1,11 @@
 """How fast environments are from Python: ours beside mpe2's, and what LossyLinks adds. docs/python.md has the figures.
 
-Rounds take turns, and each figure is a median over rounds, so that a busy machine slows all alike.
+Times are of the processor. Rounds take turns, and each figure is a median over rounds, so a busy machine slows all alike.
 """
 
 import sys
 from statistics import median
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 from mpe2 import simple_spread_v3
@@ -53,9 +53,9 @@ def timed(run, steps):
     run(steps // 10)
 
     def once():
-        begin = perf_counter()
+        begin = process_time()
         run(steps)
-        return (perf_counter() - begin) / steps
+        return (process_time() - begin) / steps
 
     return once
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from .errors import Error as Error
     from .evaluation import Evaluation as Evaluation
     from .evaluation import evaluate as evaluate
+    from .fitted import FittedImputer as FittedImputer
+    from .fitting import fit_imputer as fit_imputer
     from .links import LossyLinks as LossyLinks
     from .policies import Team as Team
     from .policies import load_policy as load_policy
@@ -27,11 +29,13 @@ _HOMES = {
     "AgentError": "errors",
     "Error": "errors",
     "Evaluation": "evaluation",
+    "FittedImputer": "fitted",
     "LossyLinks": "links",
     "TaskEnv": "tasks",
     "Team": "policies",
     "VectorEnv": "vector",
     "evaluate": "evaluation",
+    "fit_imputer": "fitting",
     "load_policy": "policies",
     "parallel_env": "tasks",
     "train": "training",

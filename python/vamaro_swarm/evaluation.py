@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import io
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from gymnasium import spaces
 
 from . import _native
-from .errors import AgentError, Error
+from .errors import Error
+from .fitted import FittedImputer
 from .hearing import Guess
 from .links import LossyLinks, Share
-from .policies import load_policy
+from .players import Players, RandomTeam, play
 from .tasks import parallel_env
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ def evaluate(
     env_fn: str | Callable[[], Any],
     policies: Any,
     *,
-    imputers: Mapping[str, str | Guess] | Iterable[str] | None = None,
+    imputers: Mapping[str, str | Guess | FittedImputer] | Iterable[str] | None = None,
     levels: Iterable[float] = _LEVELS,
     links: Iterable[str] = (),
     episodes: int = 100,
@@ -84,7 +83,7 @@ def evaluate(
     `env_fn` makes a PettingZoo ParallelEnv, or is the name of one of our tasks. `policies` is a team, or a list of teams
     that count as seeds of one method. A team is a policy file of ours, a callable `policy(agent, observation)`, or a
     dict of callables `policy(observation)` by agent. If a callable has `begin(seed, episode)`, that is called before
-    each episode. `imputers` are names, or callables by name.
+    each episode. `imputers` are names, or callables and fitted ones by name.
 
     All cells start from the same seeds, with the same draws of the links, so imputers are compared on equal terms.
     """
@@ -105,7 +104,7 @@ def evaluate(
     if baseline is not None and baseline not in known:
         raise ValueError(f"the baseline {baseline} is none of the imputers {', '.join(known)}")
 
-    def make(condition: str, imputer: str | Guess) -> Any:
+    def make(condition: str, imputer: Any) -> Any:
         p, text = (float(condition[2:]), None) if condition.startswith("p=") else (1.0, condition)
         if isinstance(env_fn, str):
             return parallel_env(env_fn, p=p, links=text, imputer=imputer, share_at_start=share_at_start)
@@ -114,7 +113,7 @@ def evaluate(
         )
 
     task = env_fn if isinstance(env_fn, str) else None
-    players = [_Players(team, task, greedy) for team in teams]
+    players = [Players(team, task, greedy) for team in teams]
     cells: list[tuple[int, str, str, list[float]]] = []
     for condition in conditions:
         # Where everything is delivered, all imputers have the same outcome.
@@ -129,7 +128,7 @@ def evaluate(
                     cells.append((team, condition, name, _returns(env, played, episodes, seed, max_steps)))
     env = make("p=1", "hold")
     with closing(env):
-        random = _returns(env, _Random(env), episodes, seed, max_steps)
+        random = _returns(env, RandomTeam(env), episodes, seed, max_steps)
         environment, agents = str(env.metadata.get("name", "environment")), len(env.possible_agents)
     native = _native.Evaluation.of_returns(
         environment=environment,
@@ -170,87 +169,13 @@ def _of_files(
     return Evaluation(_native.Evaluation.of_policies(words, call))
 
 
-class _Players:
-    """A team, whatever it was given as."""
-
-    def __init__(self, team: Any, task: str | None, greedy: bool) -> None:
-        self.name = fspath(team) if isinstance(team, (str, PathLike)) else getattr(team, "name", None)
-        if isinstance(team, (str, PathLike)):
-            team = load_policy(team, task, greedy=greedy)
-        self._each = team if isinstance(team, Mapping) else None
-        self._all = team if callable(team) else None
-        if self._each is None and self._all is None:
-            raise ValueError(f"a team is a policy file, a callable or a dict of callables by agent, not {team!r}")
-        parts = self._each.values() if self._each is not None else [team]
-        # Agents may share a policy, which begins once.
-        different = {id(part): part for part in parts}.values()
-        self._begins = [part.begin for part in different if hasattr(part, "begin")]
-
-    def begin(self, seed: int, episode: int) -> None:
-        for begin in self._begins:
-            begin(seed, episode)
-
-    def act(self, agent: Any, observation: Any) -> Any:
-        if self._all is not None:
-            return self._all(agent, observation)
-        assert self._each is not None
-        if agent not in self._each:
-            raise AgentError(agent, "has no policy")
-        return self._each[agent](observation)
-
-
-class _Random:
-    """A team that chooses uniformly among its actions."""
-
-    def __init__(self, env: Any) -> None:
-        self._spaces = {agent: copy.deepcopy(env.action_space(agent)) for agent in env.possible_agents}
-
-    def begin(self, seed: int, episode: int) -> None:
-        seeds = np.random.SeedSequence((seed, episode)).generate_state(len(self._spaces))
-        for space, number in zip(self._spaces.values(), seeds):
-            space.seed(int(number))
-
-    def act(self, agent: Any, observation: Any) -> Any:
-        return self._spaces[agent].sample()
-
-
 def _returns(env: Any, team: Any, episodes: int, seed: int, max_steps: int) -> list[float]:
-    """The sums of all rewards of each episode."""
-    spaces_of = {agent: env.action_space(agent) for agent in env.possible_agents}
+    """The sums of all that a team earns in each episode."""
     of_team = getattr(env, "team_reward", None) or (lambda rewards: sum(rewards.values()))
     returns = []
     for episode in range(_FIRST_EPISODE, _FIRST_EPISODE + episodes):
-        observations, _ = env.reset(seed=seed, options={"episode": episode})
-        team.begin(seed, episode)
-        total = 0.0
-        for _ in range(max_steps):
-            if not env.agents:
-                break
-            actions = {agent: _action(team, agent, observations[agent], spaces_of[agent]) for agent in env.agents}
-            observations, rewards, *_ = env.step(actions)
-            total += of_team(rewards)
-        if env.agents:
-            raise Error(f"an episode is still going on after {max_steps} steps; end it, or raise max_steps")
-        if not np.isfinite(total):
-            raise Error(f"the return of an episode is {total}")
-        returns.append(float(total))
+        rewards = [rewards for rewards in play(env, team, seed, episode, max_steps) if rewards]
+        returns.append(float(sum(map(of_team, rewards))))
+        if not np.isfinite(returns[-1]):
+            raise Error(f"the return of an episode is {returns[-1]}")
     return returns
-
-
-def _action(team: Any, agent: Any, observation: Any, space: spaces.Space[Any]) -> Any:
-    """What an agent does, if it can."""
-    try:
-        action = team.act(agent, observation)
-    except AgentError:
-        raise
-    except Exception as error:
-        raise AgentError(agent, f"its policy raised {error!r}") from error
-    if isinstance(space, spaces.Box):
-        # Policies compute in other precisions than environments.
-        given = np.asarray(action, space.dtype) if np.ndim(action) == len(space.shape) else action
-        if space.contains(given):
-            return given
-    elif space.contains(action):
-        return action
-    shape = np.shape(action)
-    raise AgentError(agent, f"its policy returned {action!r} (shape {shape}), which is not in {space}")

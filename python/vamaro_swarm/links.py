@@ -12,7 +12,8 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from . import values
 from ._native import Arena
-from .errors import AgentError
+from .errors import AgentError, Error
+from .fitted import FittedImputer
 from .hearing import Guess, Hearing, Heard, links_of
 from .tasks import address, box
 
@@ -40,7 +41,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         env: ParallelEnv[Any, Any, Any],
         p: float = 1.0,
         links: str | None = None,
-        imputer: str | Guess = "hold",
+        imputer: str | Guess | FittedImputer = "hold",
         *,
         joint: bool = True,
         share: str | Share = "obs",
@@ -51,8 +52,10 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
                 f"{env} is not a PettingZoo ParallelEnv with possible_agents; pettingzoo.utils.aec_to_parallel"
                 " makes one of an environment whose agents take turns"
             )
-        if not callable(imputer) and imputer not in _IMPUTERS:
-            raise ValueError(f"there is no imputer {imputer!r} here, only {', '.join(_IMPUTERS)} and callables")
+        fitted = imputer.path if isinstance(imputer, FittedImputer) else None
+        if fitted is None and not callable(imputer) and imputer not in _IMPUTERS:
+            words = f"{', '.join(_IMPUTERS)}, callables, and what fit_imputer returns"
+            raise ValueError(f"there is no imputer {imputer!r} here, only {words}")
         if share != "obs" and not callable(share):
             raise ValueError(f'share is "obs" or a function of agent and observation, not {share!r}')
         super().__init__(env)
@@ -61,13 +64,17 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         self._share = share if callable(share) else None
         self._vectors = {agent: _vector(agent, env.observation_space(agent)) for agent in self._team}
         self._lengths = [self._length(agent) for agent in self._team]
-        name = str(env.metadata.get("name", type(env.unwrapped).__name__))
+        #: What is played, and how much each agent sends.
+        self.name = str(env.metadata.get("name", type(env.unwrapped).__name__))
+        self.observers = [(str(agent), length) for agent, length in zip(self._team, self._lengths)]
+        named = imputer if isinstance(imputer, str) else "hold"
         arena = Arena.elsewhere(
-            name,
-            [(str(agent), length) for agent, length in zip(self._team, self._lengths)],
-            motion=self._motion(name, imputer),
+            self.name,
+            self.observers,
+            motion=self._motion(named),
             links=links_of(p, links),
-            imputer="hold" if callable(imputer) else imputer,
+            imputer=named if fitted is None else "fitted",
+            policy=fitted,
             share_at_start=share_at_start,
         )
         self._hearing = Hearing(arena, self._team, imputer)
@@ -77,6 +84,26 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
             agent: (end - length, end) for agent, length, end in zip(self._team, self._lengths, ends)
         }
         self._address: tuple[int, int] | None = None
+        self._heard: Heard | None = None
+
+    @property
+    def sent(self) -> NDArray[np.float32]:
+        """What all sent at this step, padded: `[agents, longest]`."""
+        return self._sent.copy()
+
+    @property
+    def estimates(self) -> NDArray[np.float32]:
+        """The joint estimates of all agents at this step, `[agents, joint]`."""
+        if self._heard is None:
+            raise Error("no episode has begun; call reset() first")
+        return self._heard.estimates
+
+    def padded(self, estimates: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Joint estimates with each part as long as the longest: `[agents, agents, longest]`."""
+        parts = np.zeros((len(estimates), *self._sent.shape), np.float32)
+        for part, (begin, end) in enumerate(self._parts.values()):
+            parts[:, part, : end - begin] = estimates[:, begin:end]
+        return parts
 
     def observation_space(self, agent: Any) -> spaces.Space[Any]:
         """Joint estimates; with `joint=False` what it was."""
@@ -140,6 +167,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         self, observations: dict[Any, Any], infos: dict[Any, dict[str, Any]], heard: Heard
     ) -> tuple[dict[Any, Any], dict[Any, dict[str, Any]]]:
         """What each agent observes, and its info."""
+        self._heard = heard
         rows = heard.infos(self._team)
         for agent, row in rows.items():
             if info := infos.get(agent):
@@ -176,14 +204,14 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         except Exception as error:
             raise AgentError(agent, f"what it shares cannot be told: {error!r}") from error
 
-    def _motion(self, name: str, imputer: str | Guess) -> tuple[str, float] | None:
+    def _motion(self, imputer: str) -> tuple[str, float] | None:
         """What the imputer has to know of what is sent, as JSON, and of time."""
         if imputer not in ("velocity", "kalman"):
             return None
         said = None if self._share is not None else values.of(self.env)
         if said is None:
             raise ValueError(
-                f"the imputer {imputer} must know which values are places and velocities, and {name} does not say it"
+                f"the imputer {imputer} must know which values are places and velocities, and {self.name} does not say it"
                 " of what is sent; put it into env.metadata['values'] (docs/python.md), or take hold"
             )
         complete = [values.complete(agent, said, n) for agent, n in zip(self._team, self._lengths)]

@@ -1,5 +1,6 @@
 //! `Arena`: what a PettingZoo environment is made of.
 
+use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard};
 
 use glam::DVec2;
@@ -8,12 +9,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyList;
 
 use super::buffers::{put, take};
+use super::elsewhere::{Observer, described};
 use super::errors::{of_agent, raised};
 use super::play::{Hearing, Play};
 use crate::agent::is_observable;
-use crate::base::rng::MAX_AGENTS;
 use crate::cli::policy_source;
-use crate::environment::{About, ActionSpace, AgentSpec, Spec, State, Task, Value};
+use crate::environment::{ActionSpace, AgentSpec, State, Task};
 
 /// Episodes whose actions come from Python: of one of our tasks, or of an environment that lives in Python.
 ///
@@ -21,9 +22,6 @@ use crate::environment::{About, ActionSpace, AgentSpec, Spec, State, Task, Value
 /// agents]` and mask `u8 [agents, worlds, agents]`.
 #[pyclass(frozen, module = "vamaro_swarm._native")]
 pub(super) struct Arena(Mutex<Play>);
-
-/// What an agent of an environment that lives in Python is called, and how much it observes.
-type Observer = (String, usize);
 
 /// How many actions an agent has, or the bounds of its values.
 type Choices = (usize, Vec<f32>, Vec<f32>);
@@ -54,8 +52,10 @@ impl Arena {
     }
 
     /// Of an environment that lives in Python. `motion` says what each agent observes, as JSON, and how long a step is, s.
+    /// A `policy` file may hold a predictor that is the imputer.
     #[staticmethod]
-    #[pyo3(signature = (name, agents, *, motion, links, imputer, share_at_start))]
+    #[expect(clippy::too_many_arguments, reason = "the package calls it, by name")]
+    #[pyo3(signature = (name, agents, *, motion, links, imputer, policy, share_at_start))]
     fn elsewhere(
         py: Python,
         name: &str,
@@ -63,33 +63,15 @@ impl Arena {
         motion: Option<(String, f64)>,
         links: &str,
         imputer: &str,
+        policy: Option<PathBuf>,
         share_at_start: bool,
     ) -> PyResult<Arena> {
-        if !(1..=MAX_AGENTS).contains(&agents.len()) {
-            return Err(PyValueError::new_err(format!(
-                "{name} has {} agents, and a team has 1 to {MAX_AGENTS}",
-                agents.len()
-            )));
-        }
-        let values = motion.as_ref().map(|(values, _)| serde_json::from_str::<Vec<Vec<Value>>>(values));
-        let values = values.transpose();
-        let values = values.map_err(|error| {
-            PyValueError::new_err(format!("{name} says wrongly what is observed: {error}"))
-        })?;
-        let agent = |(agent, (called, length)): (usize, &Observer)| AgentSpec {
-            name: called.clone(),
-            observation: match &values {
-                Some(values) => values[agent].clone(),
-                None => vec![Value::word(About::Message); *length],
-            },
-            actions: ActionSpace::Discrete(1),
+        let play = || {
+            let spec = described(name, &agents, motion.as_ref())?;
+            let hearing = Hearing { links, imputer: Some(imputer), share_at_start };
+            Play::elsewhere(spec, policy.as_deref(), motion.is_some(), &hearing)
         };
-        let plain = Spec::of(name, agents.iter().enumerate().map(agent).collect());
-        let dt = motion.map_or(plain.dt, |(_, dt)| dt);
-        let spec = Spec { episode_steps: u32::MAX as usize, dt, ..plain };
-        let hearing = Hearing { links, imputer: Some(imputer), share_at_start };
-        let play = Play::elsewhere(spec, values.is_some(), &hearing);
-        play.map(|play| Arena(Mutex::new(play))).map_err(|error| raised(py, error))
+        play().map(|play| Arena(Mutex::new(play))).map_err(|error| raised(py, error))
     }
 
     /// The name of what is played.

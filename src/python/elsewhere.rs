@@ -5,13 +5,40 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::DVec2;
 
 use crate::base::error::Result;
-use crate::environment::{Environment, Outcome, Spec, State};
-use crate::failed;
+use crate::base::rng::MAX_AGENTS;
+use crate::environment::{About, ActionSpace, AgentSpec, Environment, Outcome, Spec, State, Value};
+use crate::{failed, usage};
 
 /// What the agents of one world observe is told from outside; all else happens there.
 pub(super) struct Elsewhere {
     spec: Spec,
     told: Told,
+}
+
+/// What an agent is called, and how much it observes.
+pub(super) type Observer = (String, usize);
+
+/// The description of such an environment. `motion` says what each agent observes, as JSON, and how long a step is, s.
+///
+/// # Errors
+/// `Usage` if there are too many agents, or that is no such JSON.
+pub(super) fn described(name: &str, agents: &[Observer], motion: Option<&(String, f64)>) -> Result<Spec> {
+    if !(1..=MAX_AGENTS).contains(&agents.len()) {
+        return Err(usage!("{name} has {} agents, and a team has 1 to {MAX_AGENTS}", agents.len()));
+    }
+    let values = motion.map(|(values, _)| serde_json::from_str::<Vec<Vec<Value>>>(values)).transpose();
+    let values = values.map_err(|error| usage!("{name} says wrongly what is observed: {error}"))?;
+    let agent = |(agent, (called, length)): (usize, &Observer)| AgentSpec {
+        name: called.clone(),
+        observation: match &values {
+            Some(values) => values[agent].clone(),
+            None => vec![Value::word(About::Message); *length],
+        },
+        // What agents do is known where they live, and nowhere else.
+        actions: ActionSpace::Discrete(1),
+    };
+    let plain = Spec::of(name, agents.iter().enumerate().map(agent).collect());
+    Ok(Spec { episode_steps: u32::MAX as usize, dt: motion.map_or(plain.dt, |(_, dt)| *dt), ..plain })
 }
 
 /// What agents observe now, `[agents, observation]`, zero-padded.

@@ -7,6 +7,7 @@
 //! Arena       stage and ears -> what each agent has after links and imputer
 //! Team        a policy file  -> actions
 //! Evaluation  what was played -> statistics, report
+//! Lessons     what was played -> a predictor
 //! command     the program `vamaro-swarm`
 //! ```
 //!
@@ -20,6 +21,7 @@ mod elsewhere;
 mod errors;
 mod evaluation;
 mod interrupt;
+mod lessons;
 mod play;
 mod team;
 
@@ -32,5 +34,6 @@ fn _native(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_class::<arena::Arena>()?;
     module.add_class::<team::Team>()?;
     module.add_class::<evaluation::Evaluation>()?;
+    module.add_class::<lessons::Lessons>()?;
     module.add_function(wrap_pyfunction!(command::main, module)?)
 }

@@ -1,5 +1,7 @@
 //! Episodes whose actions come from outside.
 
+use std::path::Path;
+
 use super::ears::Ears;
 use super::elsewhere::{Elsewhere, Told};
 use crate::agent::imputer::Setup;
@@ -65,12 +67,19 @@ impl Play {
         Play::assemble(stage, policy, hearing, worlds)
     }
 
-    /// Of an environment that lives elsewhere. `moves` says that what it observes moves at rates.
+    /// Of an environment that lives elsewhere, with the predictors of a `policy` file, if there is one. `moves` says that
+    /// what agents observe moves at rates.
     ///
     /// # Errors
     /// `Usage` if links or imputer make no sense.
-    pub(super) fn elsewhere(spec: Spec, moves: bool, hearing: &Hearing) -> Result<Play> {
-        let policy = nobody(&spec)?;
+    pub(super) fn elsewhere(
+        spec: Spec,
+        policy: Option<&Path>,
+        moves: bool,
+        hearing: &Hearing,
+    ) -> Result<Play> {
+        let nobody = nobody(&spec)?;
+        let policy = policy.map_or(Ok(nobody.clone()), |path| Policy::open(path, nobody.dims()))?;
         let policy = if moves { policy.with_dynamics(constant_velocity(&spec)) } else { policy };
         let links = hearing.links(&spec)?;
         let unique = spec.unique_dim();
@@ -207,7 +216,7 @@ fn ears(
 }
 
 /// A policy whose actors nobody runs, and without predictors: imputers look into one.
-fn nobody(spec: &Spec) -> Result<Policy> {
+pub(super) fn nobody(spec: &Spec) -> Result<Policy> {
     let dims = Dims { n_actions: spec.n_actions().max(1), ..dims(spec) };
     let networks = Networks { hidden: 1, predictors: Vec::new(), ..Networks::paper(ActorKind::Mlp) };
     Policy::untrained(&dims, 0, networks)

@@ -168,7 +168,7 @@ class Odd:
     ("change", "words"),
     [
         (lambda seen: {**seen, "right": np.array([np.nan, 0, 0])}, "right: observes .*NaN.* must be numbers"),
-        (lambda seen: {**seen, "left": np.array([1e12, 0])}, r"left: observes \[1e12, 0.0\]; values must be numbers"),
+        (lambda seen: {**seen, "left": np.array([1e12, 0])}, r"left: observes \[1000000000000.0, 0.0\]; values must be numbers"),
         (lambda seen: {**seen, "right": np.zeros(4)}, r"right: observes ndarray of the shape \(4,\)"),
         (lambda seen: {**seen, "right": {"a": 1}}, "right: observes dict"),
         (lambda seen: {"left": seen["left"]}, "right: has left"),
