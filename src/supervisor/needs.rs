@@ -7,6 +7,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::{Error, Result};
+use crate::base::tasks::Tasks;
 use crate::bus::{
     Layout, SharedMemory, SwarmAddress, SwarmDirectory, open_files_needed, shared_memory_needed,
 };
@@ -15,14 +16,15 @@ use crate::nn::Policy;
 
 /// Puts weights into a file of the swarm's own, so that all agents map one copy of just these: those that are in
 /// this process only, and those of a file that may have been replaced since it was opened, as a run in training
-/// does. Those in the program itself are where they have to be.
+/// does. Those in the program itself are where they have to be, unless other programs are to read them too.
 pub(super) fn share_weights(
     settings: &AgentSettings,
     policy: &Policy,
     directory: &SwarmDirectory,
+    for_others: bool,
 ) -> Result<AgentSettings> {
     let mut settings = settings.clone();
-    if settings.policy != PolicySource::Builtin || !policy.is_shared() {
+    if for_others || settings.policy != PolicySource::Builtin || !policy.is_shared() {
         let path = directory.path().join("policy.safetensors");
         policy.save(&path)?;
         std::fs::set_permissions(&path, Permissions::from_mode(0o600))
@@ -78,4 +80,25 @@ pub(super) fn allow_open_files(agents: usize) -> Result<()> {
     setrlimit(Resource::Nofile, raised).map_err(|_| {
         failed!("{agents} agents need {needed} open files a process; allow them with `ulimit -n {needed}`")
     })
+}
+
+/// An error if this user may not have the processes and threads of a swarm.
+pub(super) fn check_tasks(agents: usize) -> Result<()> {
+    let needed = tasks_needed(agents);
+    match Tasks::of_this_user() {
+        Some(tasks) if tasks.free() < needed => Err(failed!(
+            "{agents} agents need {needed} more processes and threads, but you have {} of the {} you may have; allow more \
+             with `ulimit -u {}`",
+            tasks.running,
+            tasks.limit,
+            tasks.running + needed
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Processes and threads of a swarm besides its supervisor: each agent, a thread that listens to it, and one that watches
+/// them all.
+pub(crate) fn tasks_needed(agents: usize) -> u64 {
+    2 * agents as u64 + 1
 }

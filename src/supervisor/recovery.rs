@@ -12,14 +12,12 @@ use super::{Event, Loss, Order, Processes, Tick};
 use crate::base::error::{Error, Result};
 
 impl Processes {
-    /// Loses the agents whose processes have ended. Returns whether there are any.
-    pub(super) fn lose_dead(&mut self) -> Result<bool> {
-        let dead = self.agents.take_dead()?;
-        let any = !dead.is_empty();
-        for (agent, _, how) in dead {
+    /// Loses the agents whose processes have ended.
+    pub(super) fn lose_dead(&mut self) -> Result<()> {
+        for (agent, _, how) in self.agents.take_dead()? {
             self.lose(agent, Loss::Died(how))?;
         }
-        Ok(any)
+        Ok(())
     }
 
     /// Loses the agents that have not decided for longer than the deadline, against the clock.
@@ -37,8 +35,9 @@ impl Processes {
     }
 
     /// Loses an agent: ends its process, if there is one still, and notes what happened.
-    fn lose(&mut self, agent: usize, loss: Loss) -> Result<()> {
+    pub(super) fn lose(&mut self, agent: usize, loss: Loss) -> Result<()> {
         self.agents.end(agent);
+        self.speakers.forget(agent);
         let given_up = self.roster.lose(agent, self.tick, &loss);
         if self.roster.aborts() || given_up {
             return Err(Error::Lost { names: vec![name_of(agent)], how: loss.to_string() });
@@ -49,6 +48,7 @@ impl Processes {
     /// Starts an agent anew. In lockstep it is ready afterwards, or due again.
     fn start_anew(&mut self, agent: usize) -> Result<()> {
         self.roster.start(agent);
+        self.speakers.forget(agent);
         let settings = self.process_settings(agent);
         let nothing = [Stdio::null(), Stdio::null()];
         self.agents.start_anew(agent, &name_of(agent), "agent", &settings, nothing)
@@ -80,11 +80,10 @@ impl Processes {
         mut take: impl FnMut(&mut Processes) -> Result<()>,
     ) -> Result<()> {
         let silent = self.await_answers(began + longest, |swarm| {
+            let absent = swarm.roster.absent();
             take(swarm)?;
-            if swarm.lose_dead()? {
-                swarm.send_sensors(tick, 0, true)?;
-            }
-            Ok(())
+            swarm.lose_dead()?;
+            if swarm.roster.absent() == absent { Ok(()) } else { swarm.send_sensors(tick, 0, true) }
         })?;
         if silent == 0 {
             return Ok(());
@@ -100,41 +99,48 @@ impl Processes {
         self.send_sensors(tick, 0, true)
     }
 
-    /// Kills and stops agents on purpose, and has them return.
+    /// Has agents return, and kills and stops agents, on purpose.
     pub(super) fn carry_out(&mut self, orders: &[Order]) -> Result<()> {
-        for Order { agent, event } in orders.iter().copied() {
-            let presence = match (event, self.roster.presence(agent)) {
-                (_, Presence::Lost) => Presence::Lost,
-                (Event::Kill, _) => {
-                    self.agents.end(agent);
-                    // Against the clock an absence takes as long as it takes.
-                    self.clock.as_ref().map_or(Presence::Away, |_| Presence::Due(Instant::now()))
-                }
-                (Event::Stop, Presence::There) => {
-                    self.agents.signal(agent, Signal::STOP);
-                    Presence::Stopped
-                }
-                (Event::Return, Presence::Stopped) => {
-                    self.agents.signal(agent, Signal::CONT);
-                    Presence::There
-                }
-                (Event::Return, Presence::Away) => Presence::Due(Instant::now()),
-                // It was lost otherwise.
-                (_, presence) => presence,
-            };
-            self.roster.set(agent, presence);
-            // It may be stopped or killed again at once.
-            self.take_back()?;
-        }
+        let returns = |order: &&Order| order.event == Event::Return;
+        orders.iter().filter(returns).for_each(|order| self.follow(*order));
+        // Who returns may be stopped or killed again at once.
+        self.take_back()?;
+        orders.iter().filter(|order| !returns(order)).for_each(|order| self.follow(*order));
         Ok(())
     }
 
-    /// Starts those anew that are due. In lockstep they are there when this returns; against the clock, as soon as they are
-    /// ready.
+    fn follow(&mut self, Order { agent, event }: Order) {
+        let presence = match (event, self.roster.presence(agent)) {
+            (_, Presence::Lost) => Presence::Lost,
+            (Event::Kill, _) => {
+                self.agents.end(agent);
+                // Against the clock an absence takes as long as it takes.
+                self.clock.as_ref().map_or(Presence::Away, |_| Presence::Due(Instant::now()))
+            }
+            (Event::Stop, Presence::There) => {
+                self.agents.signal(agent, Signal::STOP);
+                Presence::Stopped
+            }
+            (Event::Return, Presence::Stopped) => {
+                self.agents.signal(agent, Signal::CONT);
+                Presence::There
+            }
+            (Event::Return, Presence::Away) => Presence::Due(Instant::now()),
+            // It was lost otherwise.
+            (_, presence) => presence,
+        };
+        self.roster.set(agent, presence);
+    }
+
+    /// Starts those anew that are due, side by side. In lockstep they are there when this returns; against the clock, as
+    /// soon as they are ready.
     pub(super) fn take_back(&mut self) -> Result<()> {
         self.lose_dead()?;
-        while let Some(agent) = self.roster.due().next() {
-            self.start_anew(agent)?;
+        // Who is lost while it starts is due again.
+        while self.roster.due().next().is_some() {
+            for agent in self.roster.due() {
+                self.start_anew(agent)?;
+            }
             if self.clock.is_none() {
                 self.await_started()?;
             }

@@ -64,7 +64,8 @@ fn replay(
             Some(Received { age, observation: &episode.obs[step - usize::from(age)][sender] })
         });
         agent.fuse(0, &observations[index], &inbox);
-        agent.act(0, step as u32, 1);
+        // What was done is recorded, so no draw decides it.
+        agent.act(0, step as u32, &[0.0]);
         estimates.at(number, step).add_all(agent.estimates(), &episode.joint_estimate[step][index]);
         logits.at(number, step).add_all(&agent.logits()[..available], &episode.logits[step][index]);
         let done = episode.actions[step][index].words(1);
