@@ -9,7 +9,6 @@ from time import process_time
 
 import numpy as np
 from mpe2 import simple_spread_v3
-
 from vamaro_swarm import LossyLinks, parallel_env
 
 ROUNDS, STEPS, WORLDS = 9, 500, 256
@@ -85,7 +84,9 @@ def main():
         print(f"{name:34} {1e6 * median(values):10.2f} {of_three:>18}")
     plain, wrapped = seconds["ours simple-spread-4"], seconds["the same in LossyLinks, p = 0.5 "]
     added = 1e6 * median(b - a for a, b in zip(plain, wrapped))
-    print(f"LossyLinks adds {added:.1f} us a step to 4 agents (python {sys.version.split()[0]}, numpy {np.__version__})")
+    print(
+        f"LossyLinks adds {added:.1f} us a step to 4 agents (python {sys.version.split()[0]}, numpy {np.__version__})"
+    )
 
 
 if __name__ == "__main__":

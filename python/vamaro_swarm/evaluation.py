@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from math import isfinite
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from . import _native
 from .errors import Error
@@ -52,11 +53,13 @@ class Evaluation:
 
     def marl_eval(self) -> dict[str, Any]:
         """The returns as InstaDeep's marl-eval reads them."""
-        return json.loads(self._native.marl_eval())
+        read: dict[str, Any] = json.loads(self._native.marl_eval())
+        return read
 
     def results(self) -> dict[str, Any]:
         """Everything, as in `results.json`."""
-        return json.loads(self._native.results())
+        read: dict[str, Any] = json.loads(self._native.results())
+        return read
 
     def __str__(self) -> str:
         return self.table()
@@ -88,94 +91,98 @@ def evaluate(
     All cells start from the same seeds, with the same draws of the links, so imputers are compared on equal terms.
     """
     teams = list(policies) if isinstance(policies, (list, tuple)) else [policies]
-    if not teams or episodes < 1:
-        raise ValueError("there is nothing to play: give a team, and 1 or more episodes")
     conditions = [*("p=" + repr(float(level)).removesuffix(".0") for level in levels), *links]
-    if not conditions:
-        raise ValueError("there is nothing to play: give levels or links")
-    if isinstance(env_fn, str) and imputers is None and all(isinstance(team, (str, PathLike)) for team in teams):
-        return _of_files(env_fn, teams, conditions, None, episodes, seed, baseline, share_at_start, greedy)
-    known = dict(imputers) if isinstance(imputers, Mapping) else {name: name for name in imputers or ("hold", "zero")}
-    if isinstance(env_fn, str) and all(
-        isinstance(one, (str, PathLike)) for one in [*teams, *known.values()]
-    ):
-        names = [str(one) for one in known.values()]
-        return _of_files(env_fn, teams, conditions, names, episodes, seed, baseline, share_at_start, greedy)
-    if baseline is not None and baseline not in known:
-        raise ValueError(f"the baseline {baseline} is none of the imputers {', '.join(known)}")
+    if not teams or not conditions or episodes < 1:
+        raise ValueError("there is nothing to play: give a team, levels or links, and 1 or more episodes")
+    named = imputers if imputers is None or isinstance(imputers, Mapping) else {name: name for name in imputers}
+    make: Callable[..., Any]
+    study = _Study(conditions, episodes, seed, baseline, share_at_start, max_steps)
+    if isinstance(env_fn, str):
+        ours = [*teams, *(named or {}).values()]
+        if all(isinstance(one, (str, PathLike)) for one in ours):
+            return study.of_files(env_fn, [fspath(team) for team in teams], named, greedy)
+        make = partial(parallel_env, env_fn, share_at_start=share_at_start)
+        players = [Players(team, env_fn, greedy) for team in teams]
+    else:
+        wrapped: dict[str, Any] = {"joint": joint, "share": share, "share_at_start": share_at_start}
+        make = lambda **options: LossyLinks(env_fn(), **options, **wrapped)
+        players = [Players(team) for team in teams]
+    return study.of_teams(make, players, dict(named or {"hold": "hold", "zero": "zero"}))
 
-    def make(condition: str, imputer: Any) -> Any:
-        p, text = (float(condition[2:]), None) if condition.startswith("p=") else (1.0, condition)
-        if isinstance(env_fn, str):
-            return parallel_env(env_fn, p=p, links=text, imputer=imputer, share_at_start=share_at_start)
-        return LossyLinks(
-            env_fn(), p, text, imputer, joint=joint, share=share, share_at_start=share_at_start
+
+@dataclass(frozen=True)
+class _Study:
+    """What is played, whoever plays it."""
+
+    conditions: list[str]
+    episodes: int
+    seed: int
+    baseline: str | None
+    share_at_start: bool
+    max_steps: int
+
+    def of_files(self, task: str, teams: list[str], imputers: Mapping[str, Any] | None, greedy: bool) -> Evaluation:
+        """Everything is ours, and nothing of it plays in Python."""
+        levels = [condition[2:] for condition in self.conditions if condition.startswith("p=")]
+        words = [*teams, "--task", task, "--levels", ",".join(levels), "--in-process"]
+        words += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
+        for condition in self.conditions:
+            words += [] if condition.startswith("p=") else ["--links", condition]
+        words += [] if imputers is None else ["--imputers", ",".join(map(str, imputers.values()))]
+        words += [] if self.baseline is None else ["--baseline", self.baseline]
+        words += ["--greedy"] if greedy else []
+        words += [] if self.share_at_start else ["--no-comm-at-t0"]
+        return Evaluation(_native.Evaluation.of_policies(words, self._call(task)))
+
+    def of_teams(self, make: Callable[..., Any], players: list[Players], imputers: dict[str, Any]) -> Evaluation:
+        """The teams play in Python, in the environments that `make` makes."""
+        if self.baseline is not None and self.baseline not in imputers:
+            raise ValueError(f"the baseline {self.baseline} is none of the imputers {', '.join(imputers)}")
+        cells = [
+            (team, condition, name, returns)
+            for condition in self.conditions
+            for name, played in self._played(make, players, imputers, condition)
+            for team, returns in enumerate(played)
+        ]
+        with closing(make(p=1.0)) as env:
+            random = self._returns(env, RandomTeam(env))
+            environment, agents = str(env.metadata.get("name", "environment")), len(env.possible_agents)
+        native = _native.Evaluation.of_returns(
+            environment=environment,
+            agents=agents,
+            teams=[played.name or f"team-{number}" for number, played in enumerate(players)],
+            seed=self.seed,
+            share_at_start=self.share_at_start,
+            random=random,
+            cells=cells,
+            baseline=self.baseline or ("hold" if "hold" in imputers else next(iter(imputers))),
+            call=self._call(environment),
         )
+        return Evaluation(native)
 
-    task = env_fn if isinstance(env_fn, str) else None
-    players = [Players(team, task, greedy) for team in teams]
-    cells: list[tuple[int, str, str, list[float]]] = []
-    for condition in conditions:
-        # Where everything is delivered, all imputers have the same outcome.
-        lossless = condition == "p=1"
-        for name, imputer in known.items():
-            if lossless and cells and cells[-1][1] == condition:
-                cells += [(team, condition, name, cells[team - len(players)][3]) for team in range(len(players))]
-                continue
-            env = make(condition, "hold" if lossless else imputer)
-            with closing(env):
-                for team, played in enumerate(players):
-                    cells.append((team, condition, name, _returns(env, played, episodes, seed, max_steps)))
-    env = make("p=1", "hold")
-    with closing(env):
-        random = _returns(env, RandomTeam(env), episodes, seed, max_steps)
-        environment, agents = str(env.metadata.get("name", "environment")), len(env.possible_agents)
-    native = _native.Evaluation.of_returns(
-        environment=environment,
-        agents=agents,
-        teams=[played.name or f"team-{number}" for number, played in enumerate(players)],
-        seed=seed,
-        share_at_start=share_at_start,
-        random=random,
-        cells=cells,
-        baseline=baseline or ("hold" if "hold" in known else next(iter(known))),
-        call=f"vamaro_swarm.evaluate({environment!r}, episodes={episodes}, seed={seed})",
-    )
-    return Evaluation(native)
+    def _played(
+        self, make: Callable[..., Any], players: list[Players], imputers: dict[str, Any], condition: str
+    ) -> Iterator[tuple[str, list[list[float]]]]:
+        """The returns of each team with each imputer. Where everything is delivered, all have the same."""
+        level = float(condition[2:]) if condition.startswith("p=") else 1.0
+        text = None if condition.startswith("p=") else condition
+        played: list[list[float]] = []
+        for name, imputer in imputers.items():
+            if not played or condition != "p=1":
+                with closing(make(p=level, links=text, imputer=imputer)) as env:
+                    played = [self._returns(env, team) for team in players]
+            yield name, played
 
+    def _returns(self, env: Any, team: Any) -> list[float]:
+        """The sums of all that a team earns in each episode."""
+        of_team = getattr(env, "team_reward", None) or (lambda rewards: sum(rewards.values()))
+        returns = []
+        for episode in range(_FIRST_EPISODE, _FIRST_EPISODE + self.episodes):
+            steps = [rewards for rewards in play(env, team, self.seed, episode, self.max_steps) if rewards]
+            returns.append(float(sum(map(of_team, steps))))
+            if not isfinite(returns[-1]):
+                raise Error(f"the return of an episode is {returns[-1]}")
+        return returns
 
-def _of_files(
-    task: str,
-    teams: Sequence[Any],
-    conditions: list[str],
-    imputers: list[str] | None,
-    episodes: int,
-    seed: int,
-    baseline: str | None,
-    share_at_start: bool,
-    greedy: bool,
-) -> Evaluation:
-    """Everything is ours, and nothing of it plays in Python."""
-    levels = [condition[2:] for condition in conditions if condition.startswith("p=")]
-    words = [*map(fspath, teams), "--task", task, "--levels", ",".join(levels), "--episodes", str(episodes)]
-    words += ["--seed", str(seed), "--in-process"]
-    for condition in conditions:
-        words += [] if condition.startswith("p=") else ["--links", condition]
-    words += [] if imputers is None else ["--imputers", ",".join(imputers)]
-    words += [] if baseline is None else ["--baseline", baseline]
-    words += ["--greedy"] if greedy else []
-    words += [] if share_at_start else ["--no-comm-at-t0"]
-    call = f"vamaro_swarm.evaluate({task!r}, {[fspath(team) for team in teams]}, episodes={episodes}, seed={seed})"
-    return Evaluation(_native.Evaluation.of_policies(words, call))
-
-
-def _returns(env: Any, team: Any, episodes: int, seed: int, max_steps: int) -> list[float]:
-    """The sums of all that a team earns in each episode."""
-    of_team = getattr(env, "team_reward", None) or (lambda rewards: sum(rewards.values()))
-    returns = []
-    for episode in range(_FIRST_EPISODE, _FIRST_EPISODE + episodes):
-        rewards = [rewards for rewards in play(env, team, seed, episode, max_steps) if rewards]
-        returns.append(float(sum(map(of_team, rewards))))
-        if not np.isfinite(returns[-1]):
-            raise Error(f"the return of an episode is {returns[-1]}")
-    return returns
+    def _call(self, environment: str) -> str:
+        return f"vamaro_swarm.evaluate({environment!r}, episodes={self.episodes}, seed={self.seed})"

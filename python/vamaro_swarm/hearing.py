@@ -54,9 +54,7 @@ class Hearing:
             self._impute(heard)
         return heard
 
-    def step(
-        self, actions: list[Any] | None, rewards: NDArray[np.float64] | None = None
-    ) -> tuple[Heard, bool]:
+    def step(self, actions: list[Any] | None, rewards: NDArray[np.float64] | None = None) -> tuple[Heard, bool]:
         """One step; also whether the episode goes on."""
         heard, mask = self._room()
         goes_on = self.arena.step(actions, heard.estimates, heard.ages, mask, rewards)

@@ -14,7 +14,7 @@ from . import values
 from ._native import Arena
 from .errors import AgentError, Error
 from .fitted import FittedImputer
-from .hearing import Guess, Hearing, Heard, links_of
+from .hearing import Guess, Heard, Hearing, links_of
 from .tasks import address, box
 
 #: Says what an agent sends, given its name and its observation: a vector.
@@ -80,9 +80,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         self._hearing = Hearing(arena, self._team, imputer)
         self._sent = np.zeros((len(self._team), max(self._lengths)), np.float32)
         ends = np.cumsum(self._lengths)
-        self._parts = {
-            agent: (end - length, end) for agent, length, end in zip(self._team, self._lengths, ends)
-        }
+        self._parts = {agent: (end - length, end) for agent, length, end in zip(self._team, self._lengths, ends)}
         self._address: tuple[int, int] | None = None
         self._heard: Heard | None = None
 
@@ -132,9 +130,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
 
     def step(
         self, actions: dict[Any, Any]
-    ) -> tuple[
-        dict[Any, Any], dict[Any, float], dict[Any, bool], dict[Any, bool], dict[Any, dict[str, Any]]
-    ]:
+    ) -> tuple[dict[Any, Any], dict[Any, float], dict[Any, bool], dict[Any, bool], dict[Any, dict[str, Any]]]:
         """One step of the environment, after which all send what they observe."""
         observations, rewards, terminations, truncations, infos = self.env.step(actions)
         self._tell(observations)
@@ -181,9 +177,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
             return dict(estimates), rows
         return {agent: self._in_full(agent, row, observations[agent]) for agent, row in estimates}, rows
 
-    def _in_full(
-        self, agent: Any, estimate: NDArray[np.float32], observation: NDArray[Any]
-    ) -> NDArray[np.float32]:
+    def _in_full(self, agent: Any, estimate: NDArray[np.float32], observation: NDArray[Any]) -> NDArray[np.float32]:
         """An estimate with what the agent observes itself in the place of what it shares."""
         begin, end = self._parts[agent]
         return np.concatenate([estimate[:begin], observation, estimate[end:]], dtype=np.float32)

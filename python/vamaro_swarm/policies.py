@@ -30,7 +30,7 @@ class Team:
         self._worlds = 0
 
     def begin(self, seed: int = 0, episode: int = 0, num_envs: int | None = None) -> None:
-        """An episode begins. Seed and number decide the draws of its actions, which are those of `vamaro-swarm spawn`."""
+        """An episode begins. Seed and number decide its draws of actions, which are those of `vamaro-swarm spawn`."""
         self._worlds = 1 if num_envs is None else num_envs
         self._batched = num_envs is not None
         self._actors.begin(seed, episode, self._worlds)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from gymnasium import spaces
@@ -57,8 +57,8 @@ def parallel_env(
     """One of our tasks, such as `spread-xy-4`, whose agents observe what they have after links and imputer.
 
     Links deliver with probability `p`, and as `links` says, such as `"gilbert(0.1, 0.3) + delay(1)"`. `imputer` is a
-    name or a callable. Imputers that a policy file brings need that `policy`, a file or `"builtin"`; with `imputer=None`
-    it is the best of these. With `num_envs` the result is a `VectorEnv`, whose arrays have that many rows.
+    name or a callable. Imputers that a policy file brings need that `policy`, a file or `"builtin"`; `imputer=None` is
+    the best of these. With `num_envs` the result is a `VectorEnv`, whose arrays have that many rows.
     """
     if callable(imputer) and num_envs is not None:
         raise ValueError("a callable imputer is for one world; leave out num_envs")
@@ -166,9 +166,7 @@ class TaskEnv(ParallelEnv[str, NDArray[np.float32], Any]):
         """There is nothing to close."""
 
 
-def address(
-    last: tuple[int, int] | None, seed: int | None, options: dict[str, Any] | None
-) -> tuple[int, int]:
+def address(last: tuple[int, int] | None, seed: int | None, options: dict[str, Any] | None) -> tuple[int, int]:
     """Seed and number of the episode that a reset begins."""
     episode = (options or {}).get("episode")
     if seed is None:

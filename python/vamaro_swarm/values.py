@@ -19,16 +19,15 @@ Said = dict[str, Any] | None
 
 def of(env: Any) -> dict[Any, list[Said]] | None:
     """What an environment says of all agents, or what is known of it: of mpe2 by the name it has."""
-    if "values" in env.metadata:
-        return env.metadata["values"]
+    said: dict[Any, list[Said]] | None = env.metadata.get("values")
+    if said is not None:
+        return said
     known = _MPE.get(str(env.metadata.get("name")))
     if known is None or not type(env.unwrapped).__module__.startswith(("mpe2.", "pettingzoo.")):
         return None
     agents = list(env.possible_agents)
     lengths = [env.observation_space(agent).shape[0] for agent in agents]
-    return {
-        agent: known(number, len(agents), length) for number, (agent, length) in enumerate(zip(agents, lengths))
-    }
+    return {agent: known(number, len(agents), length) for number, (agent, length) in enumerate(zip(agents, lengths))}
 
 
 def step(env: Any) -> float:
@@ -65,9 +64,7 @@ def _velocity(about: int) -> list[Said]:
 
 def _moving(about: int, sign: int) -> list[Said]:
     """A place in front of which the agent's velocity stands."""
-    return [
-        {"unit": "m", "about": about, "axis": axis, "rate": (number, sign)} for number, axis in enumerate("xy")
-    ]
+    return [{"unit": "m", "about": about, "axis": axis, "rate": (number, sign)} for number, axis in enumerate("xy")]
 
 
 def _padded(said: list[Said], length: int) -> list[Said]:

@@ -38,7 +38,7 @@ class VectorEnv:
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[np.float32]], dict[str, dict[str, Any]]]:
-        """Begins the episodes from 0 on of this seed, or from `options["episode"]`; without a seed those that follow."""
+        """Begins the episodes from 0 on of this seed, or from `options["episode"]`; without a seed the next ones."""
         last = self._address
         if last is not None:
             last = last[0], last[1] + self.num_envs - 1
@@ -99,12 +99,12 @@ class VectorEnv:
                 raise AgentError(agent, "no actions are given for it")
             given, space = np.asarray(actions[agent]), self._actions[agent]
             wanted = (self.num_envs, *(space.shape or ()))
-            whole = isinstance(space, spaces.Discrete)
-            if given.shape != wanted or (whole and given.dtype.kind not in "iu"):
-                words_of = f"{given.dtype} of the shape {given.shape}"
-                kind = "whole numbers" if whole else "numbers"
-                raise AgentError(agent, f"its actions are {words_of}, and not {kind} of the shape {wanted}")
-            if whole:
+            discrete = isinstance(space, spaces.Discrete)
+            if given.shape != wanted or (discrete and given.dtype.kind not in "iu"):
+                found = f"{given.dtype} of the shape {given.shape}"
+                kind = "whole numbers" if discrete else "numbers"
+                raise AgentError(agent, f"its actions are {found}, and not {kind} of the shape {wanted}")
+            if isinstance(space, spaces.Discrete):
                 row[:, 0] = np.where((given >= 0) & (given < space.n), given, np.iinfo(np.uint32).max)
             else:
                 row[:] = given.astype(np.float32).view(np.uint32)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 import vamaro_swarm
 from vamaro_swarm import load_policy, train
 
@@ -42,7 +41,9 @@ def test_agents_are_processes_that_leave_nothing_behind():
             while len(segments) < 4 and time.monotonic() < deadline:
                 time.sleep(0.05)
                 found = [path.name for path in tags.iterdir()] if tags.exists() else []
-                segments = [name for name in os.listdir("/dev/shm") if name.startswith(tuple(f"vs_{tag}" for tag in found))]
+                segments = [
+                    name for name in os.listdir("/dev/shm") if name.startswith(tuple(f"vs_{tag}" for tag in found))
+                ]
             assert segments
             swarm.send_signal(signal.SIGINT)
             assert swarm.wait(60) == 130

@@ -10,7 +10,6 @@ import threading
 import numpy as np
 import pytest
 from mpe2 import simple_reference_v3
-
 from vamaro_swarm import AgentError, Error, evaluate, load_policy
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from vamaro_swarm import FittedImputer, LossyLinks, evaluate, fit_imputer
 
 

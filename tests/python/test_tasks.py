@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.utils import parallel_to_aec
-
 from vamaro_swarm import AgentError, Error, load_policy, parallel_env
 
 
