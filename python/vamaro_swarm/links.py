@@ -79,6 +79,9 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         )
         self._hearing = Hearing(arena, self._team, imputer)
         self._sent = np.zeros((len(self._team), max(self._lengths)), np.float32)
+        rows = [row[:length] for row, length in zip(self._sent, self._lengths)]
+        shapes = [(self._vectors[agent],) for agent in self._team]
+        self._rows = list(zip(self._team, shapes, rows))
         ends = np.cumsum(self._lengths)
         self._parts = {agent: (end - length, end) for agent, length, end in zip(self._team, self._lengths, ends)}
         self._address: tuple[int, int] | None = None
@@ -143,20 +146,20 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         if len(observations) > len(self._team):
             extra = next(agent for agent in observations if agent not in self._parts)
             raise AgentError(extra, "has come, and is none of the possible agents")
-        for agent, length, sent in zip(self._team, self._lengths, self._sent):
+        for agent, expected, sent in self._rows:
             if agent not in observations:
                 raise AgentError(agent, "has left; links are between the same agents in all of an episode")
             observation = observations[agent]
             shape = getattr(observation, "shape", None)
-            if shape != (self._vectors[agent],):
+            if shape != expected:
                 words = f"observes {type(observation).__name__} of the shape {shape}"
-                raise AgentError(agent, f"{words}, and not {self._vectors[agent]} values as its space says")
+                raise AgentError(agent, f"{words}, and not {expected[0]} values as its space says")
             if self._share is not None:
                 observation = self._shared(agent, observation)
-                if observation.shape != (length,):
-                    words = f"shares the shape {observation.shape}, and not {length} values as before"
+                if observation.shape != sent.shape:
+                    words = f"shares the shape {observation.shape}, and not {len(sent)} values as before"
                     raise AgentError(agent, words)
-            sent[:length] = observation
+            sent[:] = observation
         self._hearing.arena.tell(self._sent)
 
     def _give(

@@ -15,7 +15,7 @@ def fitted(tmp_path_factory):
     from conftest import Drift
 
     out = tmp_path_factory.mktemp("fit") / "drift.safetensors"
-    return fit_imputer(Drift, coasting, steps=2000, updates=900, out=out)
+    return fit_imputer(Drift, coasting, steps=2000, updates=600, out=out)
 
 
 def errors(env_fn, imputer):
