@@ -71,7 +71,8 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         arena = Arena.elsewhere(
             self.name,
             self.observers,
-            motion=self._motion(named),
+            values=self._values(named),
+            dt=values.step(env),
             links=links_of(p, links),
             imputer=named if fitted is None else "fitted",
             policy=fitted,
@@ -201,18 +202,18 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         except Exception as error:
             raise AgentError(agent, f"what it shares cannot be told: {error!r}") from error
 
-    def _motion(self, imputer: str) -> tuple[str, float] | None:
-        """What the imputer has to know of what is sent, as JSON, and of time."""
+    def _values(self, imputer: str) -> str | None:
+        """What the imputer has to know of what is sent, as JSON."""
         if imputer not in ("velocity", "kalman"):
             return None
         said = None if self._share is not None else values.of(self.env)
-        if said is None:
+        if said is None or values.step(self.env) is None:
             raise ValueError(
-                f"the imputer {imputer} must know which values are places and velocities, and {self.name} does not say it"
-                " of what is sent; put it into env.metadata['values'] (docs/python.md), or take hold"
+                f"the imputer {imputer} must know which values are places and velocities, and how long a step is, and"
+                f" {self.name} does not say it of what is sent; put it into env.metadata['values'] and"
+                " env.metadata['dt'] (docs/python.md), or take hold"
             )
-        complete = [values.complete(agent, said, n) for agent, n in zip(self._team, self._lengths)]
-        return json.dumps(complete), values.step(self.env)
+        return json.dumps([values.complete(agent, said, n) for agent, n in zip(self._team, self._lengths)])
 
 
 def _vector(agent: Any, space: spaces.Space[Any]) -> int:

@@ -30,10 +30,11 @@ def of(env: Any) -> dict[Any, list[Said]] | None:
     return {agent: known(number, len(agents), length) for number, (agent, length) in enumerate(zip(agents, lengths))}
 
 
-def step(env: Any) -> float:
-    """How long a step is, s."""
+def step(env: Any) -> float | None:
+    """How long a step is, s, if that is known."""
     world = getattr(env.unwrapped, "world", None)
-    return float(env.metadata.get("dt", getattr(world, "dt", 0.1)))
+    dt = env.metadata.get("dt", getattr(world, "dt", None))
+    return None if dt is None else float(dt)
 
 
 def complete(agent: Any, said: dict[Any, list[Said]], length: int) -> list[dict[str, Any]]:

@@ -51,25 +51,25 @@ impl Arena {
         play().map(|play| Arena(Mutex::new(play))).map_err(|error| raised(py, error))
     }
 
-    /// Of an environment that lives in Python. `motion` says what each agent observes, as JSON, and how long a step is, s.
-    /// A `policy` file may hold a predictor that is the imputer.
+    /// Of an environment that lives in Python. `values` says what each agent observes, as JSON, and `dt` how long a step is,
+    /// s. A `policy` file may hold a predictor that is the imputer.
     #[staticmethod]
     #[expect(clippy::too_many_arguments, reason = "the package calls it, by name")]
-    #[pyo3(signature = (name, agents, *, motion, links, imputer, policy, share_at_start))]
+    #[pyo3(signature = (name, agents, *, values, dt, links, imputer, policy, share_at_start))]
     fn elsewhere(
         py: Python,
         name: &str,
         agents: Vec<Observer>,
-        motion: Option<(String, f64)>,
+        values: Option<&str>,
+        dt: Option<f64>,
         links: &str,
         imputer: &str,
         policy: Option<PathBuf>,
         share_at_start: bool,
     ) -> PyResult<Arena> {
         let play = || {
-            let spec = described(name, &agents, motion.as_ref())?;
             let hearing = Hearing { links, imputer: Some(imputer), share_at_start };
-            Play::elsewhere(spec, policy.as_deref(), motion.is_some(), &hearing)
+            Play::elsewhere(described(name, &agents, values, dt)?, policy.as_deref(), &hearing)
         };
         play().map(|play| Arena(Mutex::new(play))).map_err(|error| raised(py, error))
     }

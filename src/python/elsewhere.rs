@@ -18,15 +18,30 @@ pub(super) struct Elsewhere {
 /// What an agent is called, and how much it observes.
 pub(super) type Observer = (String, usize);
 
-/// The description of such an environment. `motion` says what each agent observes, as JSON, and how long a step is, s.
+/// What is known of such an environment.
+pub(super) struct Described {
+    pub spec: Spec,
+    /// Whether it says which values move at which rates.
+    pub moves: bool,
+    /// How long a step is, s, if it says that.
+    pub tick: Option<f64>,
+}
+
+/// The description of such an environment. `values` are what each agent observes, as JSON, and `dt` is how long a step is,
+/// s, if that is known.
 ///
 /// # Errors
 /// `Usage` if there are too many agents, or that is no such JSON.
-pub(super) fn described(name: &str, agents: &[Observer], motion: Option<&(String, f64)>) -> Result<Spec> {
+pub(super) fn described(
+    name: &str,
+    agents: &[Observer],
+    values: Option<&str>,
+    dt: Option<f64>,
+) -> Result<Described> {
     if !(1..=MAX_AGENTS).contains(&agents.len()) {
         return Err(usage!("{name} has {} agents, and a team has 1 to {MAX_AGENTS}", agents.len()));
     }
-    let values = motion.map(|(values, _)| serde_json::from_str::<Vec<Vec<Value>>>(values)).transpose();
+    let values = values.map(serde_json::from_str::<Vec<Vec<Value>>>).transpose();
     let values = values.map_err(|error| usage!("{name} says wrongly what is observed: {error}"))?;
     let agent = |(agent, (called, length)): (usize, &Observer)| AgentSpec {
         name: called.clone(),
@@ -38,7 +53,8 @@ pub(super) fn described(name: &str, agents: &[Observer], motion: Option<&(String
         actions: ActionSpace::Discrete(1),
     };
     let plain = Spec::of(name, agents.iter().enumerate().map(agent).collect());
-    Ok(Spec { episode_steps: u32::MAX as usize, dt: motion.map_or(plain.dt, |(_, dt)| *dt), ..plain })
+    let spec = Spec { episode_steps: u32::MAX as usize, dt: dt.unwrap_or(plain.dt), ..plain };
+    Ok(Described { spec, moves: values.is_some(), tick: dt })
 }
 
 /// What agents observe now, `[agents, observation]`, zero-padded.

@@ -84,6 +84,7 @@ impl Evaluation {
                 contenders: (0..).zip(&teams).map(contender).collect(),
                 random: random.into_iter().collect(),
                 cells: cells.into_iter().map(cell).collect::<Result<_>>()?,
+                ..crate::evaluate::Evaluation::default()
             };
             let summary = Summary::of(&played, &[&baseline], cores())?;
             Ok((played, summary))

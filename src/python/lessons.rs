@@ -30,7 +30,7 @@ impl Lessons {
     #[pyo3(signature = (name, agents, *, held, seed))]
     fn new(py: Python, name: &str, agents: Vec<Observer>, held: Vec<usize>, seed: u64) -> PyResult<Lessons> {
         let lessons = || {
-            let spec = described(name, &agents, None)?;
+            let spec = described(name, &agents, None, None)?.spec;
             let predictor = PredictorSpec { held, skip: true, ..PredictorSpec::paper(FITTED) };
             let lessons = train::Lessons::new(&nobody(&spec)?, predictor, seed);
             Ok(Lessons(Mutex::new(lessons), spec))

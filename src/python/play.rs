@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use super::ears::Ears;
-use super::elsewhere::{Elsewhere, Told};
+use super::elsewhere::{Described, Elsewhere, Told};
 use crate::agent::imputer::Setup;
 use crate::agent::{PolicySource, Registry, dims};
 use crate::base::error::Result;
 use crate::dynamics::Dynamics;
 use crate::environment::{ActionSpace, Spec, Task};
-use crate::link::{LinkSpec, Links};
+use crate::link::{LinkSpec, Links, Site};
 use crate::nn::{ActorKind, Dims, Networks, Policy};
 use crate::supervisor::{Decisions, Stage};
 use crate::{failed, usage};
@@ -44,8 +44,8 @@ pub(super) struct Hearing<'a> {
 }
 
 impl Hearing<'_> {
-    fn links(&self, spec: &Spec) -> Result<Links> {
-        let links = LinkSpec::parse(self.links, spec.n_agents())?;
+    fn links(&self, site: impl Into<Site>) -> Result<Links> {
+        let links = LinkSpec::parse(self.links, site)?;
         Ok(links.build().sharing_at_start(self.share_at_start))
     }
 }
@@ -67,21 +67,16 @@ impl Play {
         Play::assemble(stage, policy, hearing, worlds)
     }
 
-    /// Of an environment that lives elsewhere, with the predictors of a `policy` file, if there is one. `moves` says that
-    /// what agents observe moves at rates.
+    /// Of an environment that lives elsewhere, with the predictors of a `policy` file, if there is one.
     ///
     /// # Errors
     /// `Usage` if links or imputer make no sense.
-    pub(super) fn elsewhere(
-        spec: Spec,
-        policy: Option<&Path>,
-        moves: bool,
-        hearing: &Hearing,
-    ) -> Result<Play> {
+    pub(super) fn elsewhere(described: Described, policy: Option<&Path>, hearing: &Hearing) -> Result<Play> {
+        let Described { spec, moves, tick } = described;
         let nobody = nobody(&spec)?;
         let policy = policy.map_or(Ok(nobody.clone()), |path| Policy::open(path, nobody.dims()))?;
         let policy = if moves { policy.with_dynamics(constant_velocity(&spec)) } else { policy };
-        let links = hearing.links(&spec)?;
+        let links = hearing.links(Site { agents: spec.n_agents(), tick })?;
         let unique = spec.unique_dim();
         let values = |agent: usize| agent * unique..agent * unique + spec.obs_dim(agent);
         let columns: Vec<usize> = (0..spec.n_agents()).flat_map(values).collect();

@@ -203,9 +203,12 @@ def test_environments_without_vectors_are_refused(drift):
         (dict(env=drift(), share="all"), "share is"),
         (dict(env=drift(), p=1.5), "level"),
         (dict(env=drift(), links="nothing"), "nothing"),
+        (dict(env=drift(), links="delay 20ms"), "needs the length of a tick"),
     ]:
         with pytest.raises(ValueError, match=words):
             LossyLinks(**wrong)
+    with pytest.raises(ValueError, match="no places"):
+        LossyLinks(drift(), links="range(1.5)").reset(seed=0)
     with pytest.raises(AgentError, match=r"left: shares the shape \(\)"):
         LossyLinks(drift(), share=lambda agent, observation: 1.0)
     with pytest.raises(AgentError, match="left: what it shares .* ZeroDivisionError"):

@@ -73,6 +73,13 @@ def test_masks_are_nested_across_levels():
     assert 0 < arrived[0] < arrived[1] < arrived[2]
 
 
+def test_links_may_depend_on_places_and_on_seconds():
+    env = parallel_env("spread-xy-4", links="range(1.5, noise_floor=-20) + delay 200ms")
+    env.reset(seed=1)
+    ages = [info["ages"] for _ in range(8) for info in env.step(dict.fromkeys(env.agents, 1))[-1].values()]
+    assert set(np.unique(ages)) >= {0, 2}, "steps last 0.1 s"
+
+
 def test_worlds_side_by_side_are_those_one_after_the_other():
     batch, single = lossy(num_envs=3), lossy()
     observed, infos = batch.reset(seed=4)
