@@ -110,10 +110,17 @@ pub struct Episode {
     /// that can postpone).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ages: Vec<Vec<Vec<Option<u8>>>>,
-    /// `[T][agent][joint]`, the policy's input (traces).
+    /// `[T][receiver][sender]`, 1 if the links delivered it and it came too late (traces against the clock in which
+    /// something did).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub late: Vec<Vec<Vec<u8>>>,
+    /// `[T][agent]`, whether it decided (traces in which somebody did not).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub presence: Vec<Vec<Presence>>,
+    /// `[T][agent][joint]`, the policy's input; empty where the agent did not decide (traces).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub joint_estimate: Vec<Vec<Vec<f32>>>,
-    /// `[T][agent][available action]` (traces).
+    /// `[T][agent][available action]`; empty where the agent did not decide (traces).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub logits: Vec<Vec<Vec<f32>>>,
 }
@@ -126,6 +133,45 @@ pub enum Action {
     Discrete(u32),
     /// Values.
     Box(Vec<f32>),
+}
+
+/// Whether an agent decided at a step. In files it is a number.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "u8", into = "u8")]
+pub enum Presence {
+    /// It decided.
+    #[default]
+    Decided,
+    /// It was there, but did not decide in time.
+    Missed,
+    /// It was not there, or was lost before it decided.
+    Absent,
+    /// It decided, for the first time since it was started anew within the episode: it remembers nothing.
+    Anew,
+}
+
+impl Presence {
+    const ALL: [Presence; 4] = [Presence::Decided, Presence::Missed, Presence::Absent, Presence::Anew];
+
+    /// Whether it decided.
+    pub fn decided(self) -> bool {
+        matches!(self, Presence::Decided | Presence::Anew)
+    }
+}
+
+impl TryFrom<u8> for Presence {
+    type Error = String;
+
+    fn try_from(number: u8) -> std::result::Result<Presence, String> {
+        let known = Presence::ALL.get(usize::from(number));
+        known.copied().ok_or_else(|| format!("a presence is 0 to {}, not {number}", Presence::ALL.len() - 1))
+    }
+}
+
+impl From<Presence> for u8 {
+    fn from(presence: Presence) -> u8 {
+        presence as u8
+    }
 }
 
 impl std::fmt::Display for Action {
@@ -211,6 +257,15 @@ impl Recording {
             if episode.delivered.iter().flatten().any(|row| row.len() != n_agents) {
                 return Err(format!("episode {number}: a row of `delivered` is not {n_agents} long"));
             }
+            if ![team(0), team(steps)].contains(&shape_or_none(&episode.presence, n_agents)) {
+                return Err(format!("episode {number}: `presence` is not {steps} steps of {n_agents} agents"));
+            }
+            let late = shape_or_none(&episode.late, n_agents);
+            if ![team(0), team(steps)].contains(&late)
+                || episode.late.iter().flatten().any(|row| row.len() != n_agents)
+            {
+                return Err(format!("episode {number}: `late` is not {steps} steps of {n_agents} rows of {n_agents}"));
+            }
             if !episode.ages.is_empty() {
                 episode.check_ages(n_agents, trace).map_err(|what| format!("episode {number}: {what}"))?;
             }
@@ -223,6 +278,11 @@ impl Recording {
 fn shape<T>(rows: &[Vec<T>]) -> Option<(usize, usize)> {
     let columns = rows.first().map_or(0, Vec::len);
     rows.iter().all(|row| row.len() == columns).then_some((rows.len(), columns))
+}
+
+/// The same of what may be left out, which has no rows then but would have so many columns.
+fn shape_or_none<T>(rows: &[Vec<T>], columns: usize) -> Option<(usize, usize)> {
+    if rows.is_empty() { Some((0, columns)) } else { shape(rows) }
 }
 
 impl Episode {
@@ -244,6 +304,16 @@ impl Episode {
     pub fn age(&self, step: usize, receiver: usize, sender: usize) -> Option<u8> {
         let at_once = || (self.delivered[step][receiver][sender] == 1).then_some(0);
         self.ages.get(step).map_or_else(at_once, |ages| ages[receiver][sender])
+    }
+
+    /// Whether an agent decided at a step.
+    pub fn presence(&self, step: usize, agent: usize) -> Presence {
+        self.presence.get(step).map_or(Presence::Decided, |agents| agents[agent])
+    }
+
+    /// Whether what reaches `receiver` from `sender` at a step came too late.
+    pub fn is_late(&self, step: usize, receiver: usize, sender: usize) -> bool {
+        self.late.get(step).is_some_and(|rows| rows[receiver][sender] == 1)
     }
 
     /// The most ticks that anything was under way.

@@ -22,6 +22,7 @@ mod physics;
 mod plot;
 mod policies;
 mod processes;
+mod replay;
 mod resume;
 mod rollouts;
 mod rooms;

@@ -1,0 +1,117 @@
+//! `replay`: recorded episodes as a page, a film or a frame.
+
+use std::path::{Path, PathBuf};
+
+use clap::{ArgGroup, Args};
+
+use super::{print, tell};
+use crate::base::error::Result;
+use crate::base::file::AtomicFile;
+use crate::recording::Recording;
+use crate::usage;
+use crate::view::film::{Film, page};
+
+/// Play recorded episodes in a browser, or draw them as a film or a frame
+#[derive(Debug, Args)]
+#[command(
+    group(ArgGroup::new("picture").args(["html"]).required(true)),
+    after_help = "\
+Examples:
+  vamaro-swarm spawn --agents 4 --p 0.2 --episodes 20 --record trace.json
+  # a page for a browser, which needs no other file
+  vamaro-swarm replay trace.json --html replay.html
+  # two runs of the same episodes, side by side
+  vamaro-swarm spawn --agents 4 --p 0.2 --imputer hold --episodes 20 \\
+      --record hold.json
+  vamaro-swarm replay trace.json hold.json --html both.html"
+)]
+pub struct Replay {
+    /// A recording or a trace, or two of the same task and seed, to be seen side by side
+    #[arg(required = true, num_args = 1..=2, value_name = "TRACE")]
+    traces: Vec<PathBuf>,
+
+    /// Write a page that plays the episodes: the first 100, unless --episode says which
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+
+    /// The episode to show, by its number
+    #[arg(long, value_name = "E")]
+    episode: Option<u64>,
+}
+
+/// Episodes in a page that are shown unless one is asked for.
+const MOST_EPISODES: usize = 100;
+
+impl Replay {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        let mut films = self.traces.iter().map(|path| self.film(path)).collect::<Result<Vec<_>>>()?;
+        if let [one, other] = &mut films[..] {
+            match_up(one, other)?;
+        }
+        if let Some(file) = &self.html {
+            let page = page(&films);
+            AtomicFile::write(file, page.as_bytes())?;
+            let takes = films[0].takes.len();
+            print(&format!("wrote {}: {}, {takes} episode{}\n", file.display(), films[0].spec.id, plural(takes)))?;
+        }
+        Ok(())
+    }
+
+    /// The episodes of a file that are to be seen.
+    fn film(&self, path: &Path) -> Result<Film> {
+        let recording = Recording::read(path)?;
+        let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+        let mut film = Film::of(name, recording.header)?;
+        let mut left_out = 0;
+        for (number, episode) in (0..).zip(&recording.episodes) {
+            match self.episode {
+                Some(wanted) if wanted != episode.episode.unwrap_or(number) => {}
+                None if film.takes.len() >= MOST_EPISODES => left_out += 1,
+                _ => film.push(number, episode)?,
+            }
+        }
+        if film.takes.is_empty() {
+            return Err(match self.episode {
+                Some(wanted) => usage!("{} has no episode {wanted}", path.display()),
+                None => usage!("{} has no episodes", path.display()),
+            });
+        }
+        if left_out > 0 {
+            tell(&format!(
+                "note: the first {MOST_EPISODES} episodes of {} are shown, {left_out} are left out; --episode names another",
+                path.display()
+            ));
+        }
+        Ok(film)
+    }
+}
+
+/// Leaves two films the episodes that both have.
+fn match_up(one: &mut Film, other: &mut Film) -> Result<()> {
+    if one.spec.id != other.spec.id {
+        return Err(usage!(
+            "{} is of {}, {} of {}: two traces side by side must be of one task",
+            one.name, one.spec.id, other.name, other.spec.id
+        ));
+    }
+    if one.header.seed != other.header.seed {
+        tell("note: the traces have different seeds, so their episodes do not begin alike");
+    }
+    let numbers = |film: &Film| film.takes.iter().map(|take| take.number).collect::<Vec<_>>();
+    let (mine, theirs) = (numbers(one), numbers(other));
+    one.takes.retain(|take| theirs.contains(&take.number));
+    other.takes.retain(|take| mine.contains(&take.number));
+    if one.takes.is_empty() {
+        return Err(usage!("{} and {} have no episode in common", one.name, other.name));
+    }
+    if one.name == other.name {
+        one.name += " (1)";
+        other.name += " (2)";
+    }
+    Ok(())
+}
+
+fn plural(n: usize) -> &'static str {
+    if n == 1 { "" } else { "s" }
+}
