@@ -258,13 +258,17 @@ impl Recording {
                 return Err(format!("episode {number}: a row of `delivered` is not {n_agents} long"));
             }
             if ![team(0), team(steps)].contains(&shape_or_none(&episode.presence, n_agents)) {
-                return Err(format!("episode {number}: `presence` is not {steps} steps of {n_agents} agents"));
+                return Err(format!(
+                    "episode {number}: `presence` is not {steps} steps of {n_agents} agents"
+                ));
             }
             let late = shape_or_none(&episode.late, n_agents);
             if ![team(0), team(steps)].contains(&late)
                 || episode.late.iter().flatten().any(|row| row.len() != n_agents)
             {
-                return Err(format!("episode {number}: `late` is not {steps} steps of {n_agents} rows of {n_agents}"));
+                return Err(format!(
+                    "episode {number}: `late` is not {steps} steps of {n_agents} rows of {n_agents}"
+                ));
             }
             if !episode.ages.is_empty() {
                 episode.check_ages(n_agents, trace).map_err(|what| format!("episode {number}: {what}"))?;

@@ -9,12 +9,12 @@ use crate::base::error::Result;
 use crate::base::file::AtomicFile;
 use crate::recording::Recording;
 use crate::usage;
-use crate::view::film::{Film, page};
+use crate::view::film::{Film, Moment, gif, page, svg};
 
 /// Play recorded episodes in a browser, or draw them as a film or a frame
 #[derive(Debug, Args)]
 #[command(
-    group(ArgGroup::new("picture").args(["html"]).required(true)),
+    group(ArgGroup::new("picture").args(["html", "svg", "gif"]).required(true).multiple(true)),
     after_help = "\
 Examples:
   vamaro-swarm spawn --agents 4 --p 0.2 --episodes 20 --record trace.json
@@ -23,7 +23,10 @@ Examples:
   # two runs of the same episodes, side by side
   vamaro-swarm spawn --agents 4 --p 0.2 --imputer hold --episodes 20 \\
       --record hold.json
-  vamaro-swarm replay trace.json hold.json --html both.html"
+  vamaro-swarm replay trace.json hold.json --html both.html
+  # as a film, and a frame of it
+  vamaro-swarm replay trace.json hold.json --gif both.gif --episode 3
+  vamaro-swarm replay trace.json --svg frame.svg --episode 3 --step 12"
 )]
 pub struct Replay {
     /// A recording or a trace, or two of the same task and seed, to be seen side by side
@@ -34,9 +37,25 @@ pub struct Replay {
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
 
-    /// The episode to show, by its number
+    /// Write a film of one episode, at half the speed of the world
+    #[arg(long, value_name = "FILE")]
+    gif: Option<PathBuf>,
+
+    /// Write a frame of one episode
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+
+    /// The episode to show, by its number [default: the first; all in a page]
     #[arg(long, value_name = "E")]
     episode: Option<u64>,
+
+    /// The step of the frame [default: the end of the episode]
+    #[arg(long, value_name = "S", requires = "svg")]
+    step: Option<usize>,
+
+    /// The agent whose links and ghosts are shown at first: where it thinks the others are
+    #[arg(long, value_name = "I", default_value_t = 0)]
+    agent: usize,
 }
 
 /// Episodes in a page that are shown unless one is asked for.
@@ -49,11 +68,32 @@ impl Replay {
         if let [one, other] = &mut films[..] {
             match_up(one, other)?;
         }
+        let Film { spec, takes, .. } = &films[0];
+        if self.agent >= spec.n_agents() {
+            return Err(usage!(
+                "{} has {} agents, counted from 0: there is no agent {}",
+                spec.id,
+                spec.n_agents(),
+                self.agent
+            ));
+        }
+        let steps = takes[0].steps_taken();
+        let step = self.step.unwrap_or(steps);
+        if step > steps {
+            return Err(usage!("episode {} has {steps} steps: there is no step {step}", takes[0].number));
+        }
+        let moment = Moment { films: &films, take: 0, time: step as f64, viewer: self.agent };
+        let one = format!("{}, episode {}", spec.id, takes[0].number);
         if let Some(file) = &self.html {
-            let page = page(&films);
-            AtomicFile::write(file, page.as_bytes())?;
-            let takes = films[0].takes.len();
-            print(&format!("wrote {}: {}, {takes} episode{}\n", file.display(), films[0].spec.id, plural(takes)))?;
+            let many =
+                format!("{}, {} episode{}", spec.id, takes.len(), if takes.len() == 1 { "" } else { "s" });
+            write(file, page(&films, self.agent).as_bytes(), &many)?;
+        }
+        if let Some(file) = &self.svg {
+            write(file, svg(&moment).as_bytes(), &format!("{one}, step {step}"))?;
+        }
+        if let Some(file) = &self.gif {
+            write(file, &gif(&moment)?, &one)?;
         }
         Ok(())
     }
@@ -92,7 +132,10 @@ fn match_up(one: &mut Film, other: &mut Film) -> Result<()> {
     if one.spec.id != other.spec.id {
         return Err(usage!(
             "{} is of {}, {} of {}: two traces side by side must be of one task",
-            one.name, one.spec.id, other.name, other.spec.id
+            one.name,
+            one.spec.id,
+            other.name,
+            other.spec.id
         ));
     }
     if one.header.seed != other.header.seed {
@@ -112,6 +155,8 @@ fn match_up(one: &mut Film, other: &mut Film) -> Result<()> {
     Ok(())
 }
 
-fn plural(n: usize) -> &'static str {
-    if n == 1 { "" } else { "s" }
+/// Writes a picture, and says of what.
+fn write(file: &Path, bytes: &[u8], what: &str) -> Result<()> {
+    AtomicFile::write(file, bytes)?;
+    print(&format!("wrote {}: {what}, {} kB\n", file.display(), bytes.len().div_ceil(1000)))
 }

@@ -185,6 +185,56 @@ fn a_browser_plays_the_page() {
     assert!(found.lines().count() > 25 && !found.contains("FAIL"), "{found}");
 }
 
+/// The pixels of the first frame and of the last, the number of frames, and how long each is shown, from an animated GIF.
+fn frames(path: &str) -> (Vec<u8>, Vec<u8>, usize, u16) {
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::Indexed);
+    let mut decoder = options.read_info(std::fs::File::open(path).unwrap()).unwrap();
+    let width = usize::from(decoder.width());
+    let mut canvas = vec![0; width * usize::from(decoder.height())];
+    let (mut first, mut number, mut delay) = (Vec::new(), 0, 0);
+    while let Some(frame) = decoder.read_next_frame().unwrap() {
+        let (left, top, wide) = (usize::from(frame.left), usize::from(frame.top), usize::from(frame.width));
+        for (at, pixel) in
+            frame.buffer.iter().enumerate().filter(|(_, pixel)| Some(**pixel) != frame.transparent)
+        {
+            canvas[(top + at / wide) * width + left + at % wide] = *pixel;
+        }
+        if number == 0 {
+            (first, delay) = (canvas.clone(), frame.delay);
+        }
+        number += 1;
+    }
+    (first, canvas, number, delay)
+}
+
+#[test]
+fn films_and_frames_are_drawn() {
+    let traces = Traces::new();
+    let (one, other, film) = (traces.at("one.json"), traces.at("other.json"), traces.at("film.gif"));
+    succeed(&format!("replay {one} --gif {film} --episode 1"));
+    let (first, last, number, delay) = frames(&film);
+    assert_eq!((number, delay), (101, 5), "25 steps of 0.1 s, half as fast");
+    assert!(first.len() == last.len() && first != last);
+    let bytes = std::fs::metadata(&film).unwrap().len();
+    assert!((10_000..400_000).contains(&bytes), "{bytes} bytes");
+    let frame = traces.at("frame.svg");
+    succeed(&format!("replay {one} {other} --svg {frame} --step 12 --agent 1"));
+    let picture = traces.read("frame.svg");
+    let told = |name: &str| {
+        let rewards = traces.json(name)["episodes"][0]["team_reward"].as_array().unwrap()[..12].to_vec();
+        let sum: f64 = rewards.iter().map(|reward| reward.as_f64().unwrap()).sum();
+        format!("step 12 of 25, return {sum:.1}")
+    };
+    for name in ["one.json", "other.json"] {
+        assert!(picture.contains(&told(name)), "{name}: {picture}");
+    }
+    assert!(picture.contains("dynamics, p = 0.3") && picture.contains("hold, p = 0.3"), "{picture}");
+    fail(&format!("replay {one} --svg {frame} --step 26"), 2, &["no step 26"]);
+    fail(&format!("replay {one} --svg {frame} --agent 2"), 2, &["no agent 2"]);
+    fail(&format!("replay {one} --gif {film} --step 2"), 2, &["--svg"]);
+}
+
 #[test]
 fn delays_are_in_the_page() {
     let traces = Traces::new();

@@ -1,10 +1,18 @@
 //! Recorded episodes as pictures: what there is to see in them, and the pages, films and frames that show it.
 
+mod font;
+mod gif;
 mod page;
+mod raster;
+mod scene;
+mod svg;
 
 use glam::DVec2;
 
+pub(crate) use gif::gif;
 pub(crate) use page::page;
+pub(crate) use scene::Moment;
+pub(crate) use svg::svg;
 
 use super::places::{Ghost, Places};
 use crate::base::error::Result;
@@ -84,7 +92,10 @@ impl Film {
     pub(crate) fn push(&mut self, number: u64, episode: &Episode) -> Result<()> {
         let number = episode.episode.unwrap_or(number);
         if !episode.agent_pos.iter().all(|places| places.len() == self.spec.n_agents()) {
-            return Err(usage!("episode {number} of {} tells no places of its agents: there is nothing to see", self.name));
+            return Err(usage!(
+                "episode {number} of {} tells no places of its agents: there is nothing to see",
+                self.name
+            ));
         }
         let mut returns = vec![0.0];
         returns.extend(episode.team_reward.iter().scan(0.0, |sum, reward| {
@@ -100,8 +111,11 @@ impl Film {
             positions: episode.agent_pos.clone(),
             returns,
             steps: steps.map(|step| self.step(episode, step)).collect::<Option<_>>().ok_or_else(|| {
-                usage!("episode {number} of {} has observations or estimates of another length than {} has",
-                    self.name, self.spec.id)
+                usage!(
+                    "episode {number} of {} has observations or estimates of another length than {} has",
+                    self.name,
+                    self.spec.id
+                )
             })?,
         });
         Ok(())

@@ -13,12 +13,12 @@ const LOST: u8 = 255;
 /// Says that there is no ghost.
 const NONE: i16 = i16::MIN;
 
-/// The page of one film, or of several side by side that have the same episodes.
-pub(crate) fn page(films: &[Film]) -> String {
+/// The page of one film, or of several side by side that have the same episodes. At first it shows what `viewer` sees.
+pub(crate) fn page(films: &[Film], viewer: usize) -> String {
     let task = &films[0].spec.id;
     let names: Vec<&str> = films.iter().map(|film| &film.name[..]).collect();
     let title = format!("{task}: {}", names.join(" beside "));
-    let data = json!({"films": films.iter().map(film).collect::<Vec<_>>()}).to_string();
+    let data = json!({"films": films.iter().map(|of| film(of, viewer)).collect::<Vec<_>>()}).to_string();
     // Nothing in it may end the script.
     let data = data.replace('<', "\\u003c");
     let page = html! {
@@ -122,11 +122,17 @@ fn legend(films: &[Film]) -> Markup {
     let meanings = [
         ("dots", "agents, with their trails; a dashed one is absent or did not decide"),
         ("crosses", "landmarks; the ringed one is the goal"),
-        ("dashed circles", "ghosts: where the chosen agent thinks the others are that it was not told of just now"),
-        ("green lines", "what the chosen agent receives; dashed: late by so many ticks, because links delay"),
+        (
+            "dashed circles",
+            "ghosts: where the chosen agent thinks the others are that it was not told of just now",
+        ),
+        ("green lines", "what the chosen agent receives; dashed: delayed by links, for so many ticks"),
         ("red dots", "what the links lost"),
         ("orange lines", "what came after the deadline, against the clock"),
-        ("imputation error", "root mean squared error of what the chosen agent imputed, or of the whole team"),
+        (
+            "imputation error",
+            "root mean squared error of what the chosen agent imputed, or of the whole team",
+        ),
     ];
     let list = |entries: &[(&str, &str)]| {
         html! { dl { @for (term, meaning) in entries { dt { (term) } dd { (meaning) } } } }
@@ -140,7 +146,7 @@ fn legend(films: &[Film]) -> Markup {
     }
 }
 
-fn film(film: &Film) -> Value {
+fn film(film: &Film, viewer: usize) -> Value {
     let places = film.takes.iter().flat_map(|take| take.positions.iter().flatten().chain(&take.landmarks));
     let largest = places.fold(1.0, |largest: f64, place| largest.max(place.abs().max_element()));
     // Places are whole multiples of this.
@@ -150,14 +156,16 @@ fn film(film: &Film) -> Value {
         "agents": film.spec.agents.iter().map(|agent| &agent.name).collect::<Vec<_>>(),
         "dt": film.spec.dt,
         "unit": unit,
-        "viewer": if film.is_of_a_trace() { 0 } else { -1 },
+        "viewer": if film.is_of_a_trace() { json!(viewer) } else { json!(-1) },
         "episodes": film.takes.iter().map(|take| episode(take, unit)).collect::<Vec<_>>(),
     })
 }
 
 fn episode(take: &Take, unit: f64) -> Value {
     let whole = |place: &DVec2| {
-        place.to_array().map(|value| (value / unit).round().clamp(f64::from(NONE + 1), f64::from(i16::MAX)) as i16)
+        place
+            .to_array()
+            .map(|value| (value / unit).round().clamp(f64::from(NONE + 1), f64::from(i16::MAX)) as i16)
     };
     let i16s = |values: Vec<i16>| base64(bytemuck::cast_slice(&values));
     let mut episode = json!({
@@ -191,7 +199,8 @@ fn episode(take: &Take, unit: f64) -> Value {
     }
     let errors = take.steps.iter().flat_map(|step| &step.errors);
     episode["errors"] = f32s(errors.map(|error| error.map_or(f32::NAN, |error| error as f32))).into();
-    let presence: Vec<u8> = take.steps.iter().flat_map(|step| &step.presence).map(|it| (*it).into()).collect();
+    let presence: Vec<u8> =
+        take.steps.iter().flat_map(|step| &step.presence).map(|it| (*it).into()).collect();
     if presence.iter().any(|it| *it != 0) {
         episode["presence"] = base64(&presence).into();
     }
