@@ -53,8 +53,11 @@ impl<S: Sample> Mailbox<S> {
             && incarnation >= self.incarnations[sender];
         if fits && is_observable(bytemuck::cast_slice(sample.words())) {
             self.incarnations[sender] = incarnation;
-            let place = self.place(sender, tick);
-            self.messages[place] = Some(sample);
+            // What was said of a tick stands.
+            if self.made_at(sender, tick).is_none() {
+                let place = self.place(sender, tick);
+                self.messages[place] = Some(sample);
+            }
         }
     }
 
@@ -201,6 +204,15 @@ mod tests {
         assert!(mailbox.complete(7, 1));
         mailbox.accept(of(1, 8));
         assert!(!mailbox.complete(8, 1));
+    }
+
+    #[test]
+    fn what_was_said_of_a_tick_stands() {
+        let mut mailbox = Mailbox::new(2, 1, 2, 0);
+        mailbox.accept(observation(1, 7, &[1.0, 2.0]));
+        mailbox.accept(observation(1, 7, &[3.0, 4.0]));
+        let inbox = mailbox.deliver(0, &[0; 2], &at(7));
+        assert_eq!(inbox.from(1), Some(Received { age: 0, observation: &[1.0, 2.0] }));
     }
 
     #[test]

@@ -11,4 +11,5 @@ pub mod scheduling;
 pub(crate) mod stats;
 #[cfg(feature = "cli")]
 pub(crate) mod table;
+pub(crate) mod tasks;
 pub(crate) mod threads;

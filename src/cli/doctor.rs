@@ -9,6 +9,7 @@ use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::Result;
 use crate::base::rng::MAX_AGENTS;
 use crate::base::table::wrapped;
+use crate::base::tasks::Tasks;
 use crate::base::threads;
 use crate::bus::{
     Layout, SharedMemory, SwarmAddress, check_writable, leftovers, open_files_needed, place,
@@ -16,7 +17,7 @@ use crate::bus::{
 };
 use crate::environment::Task;
 use crate::failed;
-use crate::supervisor::check_shared_memory;
+use crate::supervisor::{check_shared_memory, tasks_needed};
 use crate::train::{Config, Layer, Preset};
 
 /// Check whether this machine is ready, and clean up after dead swarms
@@ -226,11 +227,20 @@ fn open_files() -> Finding {
 }
 
 fn processes() -> Finding {
-    match getrlimit(Resource::Nproc).current {
-        Some(limit) if limit < 128 => {
-            Finding::bad(format!("only {limit} processes: raise it with `ulimit -u 1024`"))
-        }
-        limit => Finding::good(format!("{} processes", words(limit))),
+    let Some(tasks) = Tasks::of_this_user() else {
+        return Finding::good("unlimited processes".to_owned());
+    };
+    let found = format!("{} of {} processes and threads are free", tasks.free(), tasks.limit);
+    let (smallest, largest) = (tasks_needed(2), tasks_needed(MAX_AGENTS));
+    let too_few = |team: &str, needed| {
+        format!("{found}, but {team} needs {needed}: allow them with `ulimit -u {}`", tasks.running + needed)
+    };
+    if tasks.free() < smallest {
+        Finding::bad(too_few("a team of two", smallest))
+    } else if tasks.free() < largest {
+        Finding::fair(too_few("the largest team", largest))
+    } else {
+        Finding::good(found)
     }
 }
 

@@ -138,10 +138,15 @@ impl Children {
     /// Lets processes that were told to leave do so within `longest`, and ends those that do not.
     pub(crate) fn reap(&mut self, longest: Duration) {
         let deadline = Instant::now() + longest;
-        self.processes.iter().flatten().for_each(|process| process.await_end(deadline));
+        self.processes.iter().flatten().for_each(|process| {
+            process.await_end(deadline);
+        });
         self.processes.clear();
     }
 }
+
+/// How long a process that was killed may take to be gone.
+const LONGEST_DEATH: Duration = Duration::from_secs(5);
 
 /// A running process. Dropping it ends and reaps it.
 #[derive(Debug)]
@@ -160,14 +165,14 @@ impl ChildProcess {
         Ok(status.map(|status| self.words_of_end(status)))
     }
 
-    /// Waits for the process to end by itself, until `deadline`.
-    fn await_end(&self, deadline: Instant) {
+    /// Waits for the process to end, until `deadline`. Returns whether it has.
+    fn await_end(&self, deadline: Instant) -> bool {
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
             let left = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
             match poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&left)) {
                 Err(rustix::io::Errno::INTR) => {}
-                _ => return,
+                ready => return ready != Ok(0),
             }
         }
     }
@@ -190,6 +195,10 @@ impl Drop for ChildProcess {
     fn drop(&mut self) {
         // By pidfd, since a number may be somebody else's by now. Harmless for a process that has been reaped.
         let _ = pidfd_send_signal(&self.pidfd, Signal::KILL);
+        // One that sleeps in the kernel, where no signal reaches it, dies when it wakes. Nobody waits for that.
+        if !self.await_end(Instant::now() + LONGEST_DEATH) {
+            return;
+        }
         let _ = self.child.wait();
         if let Some(thread) = self.stderr.take() {
             let _ = thread.join();

@@ -36,7 +36,7 @@ pub use deadlines::Deadlines;
 pub use in_process::InProcess;
 pub(crate) use launch::Children;
 pub use ledger::Ledger;
-pub(crate) use needs::check_shared_memory;
+pub(crate) use needs::{check_shared_memory, tasks_needed};
 pub use observer::Observer;
 pub use processes::{Conduct, Processes};
 pub use punctuality::Punctuality;

@@ -7,6 +7,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::{Error, Result};
+use crate::base::tasks::Tasks;
 use crate::bus::{
     Layout, SharedMemory, SwarmAddress, SwarmDirectory, open_files_needed, shared_memory_needed,
 };
@@ -78,4 +79,25 @@ pub(super) fn allow_open_files(agents: usize) -> Result<()> {
     setrlimit(Resource::Nofile, raised).map_err(|_| {
         failed!("{agents} agents need {needed} open files a process; allow them with `ulimit -n {needed}`")
     })
+}
+
+/// An error if this user may not have the processes and threads of a swarm.
+pub(super) fn check_tasks(agents: usize) -> Result<()> {
+    let needed = tasks_needed(agents);
+    match Tasks::of_this_user() {
+        Some(tasks) if tasks.free() < needed => Err(failed!(
+            "{agents} agents need {needed} more processes and threads, but you have {} of the {} you may have; allow more \
+             with `ulimit -u {}`",
+            tasks.running,
+            tasks.limit,
+            tasks.running + needed
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Processes and threads of a swarm besides its supervisor: each agent, a thread that listens to it, and one that watches
+/// them all.
+pub(crate) fn tasks_needed(agents: usize) -> u64 {
+    2 * agents as u64 + 1
 }

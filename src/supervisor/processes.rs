@@ -9,7 +9,7 @@ use super::clock::{Clock, Period};
 use super::command::AgentCommand;
 use super::deadlines::Deadlines;
 use super::launch::Children;
-use super::needs::{allow_open_files, reserve_shared_memory, share_weights};
+use super::needs::{allow_open_files, check_tasks, reserve_shared_memory, share_weights};
 use super::roster::{Roster, members_of};
 use super::{Decisions, Faults, OnFailure, Order, Punctuality, Team, Tick, check_weights, signals};
 use crate::agent::process::ProcessSettings;
@@ -109,6 +109,7 @@ impl Processes {
         };
         reserve_shared_memory(&directory, &address, &layout)?;
         allow_open_files(team)?;
+        check_tasks(team)?;
         let mut swarm = Processes {
             spec,
             agents: Children::new(command, waker(&address))?,

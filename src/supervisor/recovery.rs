@@ -100,41 +100,48 @@ impl Processes {
         self.send_sensors(tick, 0, true)
     }
 
-    /// Kills and stops agents on purpose, and has them return.
+    /// Has agents return, and kills and stops agents, on purpose.
     pub(super) fn carry_out(&mut self, orders: &[Order]) -> Result<()> {
-        for Order { agent, event } in orders.iter().copied() {
-            let presence = match (event, self.roster.presence(agent)) {
-                (_, Presence::Lost) => Presence::Lost,
-                (Event::Kill, _) => {
-                    self.agents.end(agent);
-                    // Against the clock an absence takes as long as it takes.
-                    self.clock.as_ref().map_or(Presence::Away, |_| Presence::Due(Instant::now()))
-                }
-                (Event::Stop, Presence::There) => {
-                    self.agents.signal(agent, Signal::STOP);
-                    Presence::Stopped
-                }
-                (Event::Return, Presence::Stopped) => {
-                    self.agents.signal(agent, Signal::CONT);
-                    Presence::There
-                }
-                (Event::Return, Presence::Away) => Presence::Due(Instant::now()),
-                // It was lost otherwise.
-                (_, presence) => presence,
-            };
-            self.roster.set(agent, presence);
-            // It may be stopped or killed again at once.
-            self.take_back()?;
-        }
+        let returns = |order: &&Order| order.event == Event::Return;
+        orders.iter().filter(returns).for_each(|order| self.follow(*order));
+        // Who returns may be stopped or killed again at once.
+        self.take_back()?;
+        orders.iter().filter(|order| !returns(order)).for_each(|order| self.follow(*order));
         Ok(())
     }
 
-    /// Starts those anew that are due. In lockstep they are there when this returns; against the clock, as soon as they are
-    /// ready.
+    fn follow(&mut self, Order { agent, event }: Order) {
+        let presence = match (event, self.roster.presence(agent)) {
+            (_, Presence::Lost) => Presence::Lost,
+            (Event::Kill, _) => {
+                self.agents.end(agent);
+                // Against the clock an absence takes as long as it takes.
+                self.clock.as_ref().map_or(Presence::Away, |_| Presence::Due(Instant::now()))
+            }
+            (Event::Stop, Presence::There) => {
+                self.agents.signal(agent, Signal::STOP);
+                Presence::Stopped
+            }
+            (Event::Return, Presence::Stopped) => {
+                self.agents.signal(agent, Signal::CONT);
+                Presence::There
+            }
+            (Event::Return, Presence::Away) => Presence::Due(Instant::now()),
+            // It was lost otherwise.
+            (_, presence) => presence,
+        };
+        self.roster.set(agent, presence);
+    }
+
+    /// Starts those anew that are due, side by side. In lockstep they are there when this returns; against the clock, as
+    /// soon as they are ready.
     pub(super) fn take_back(&mut self) -> Result<()> {
         self.lose_dead()?;
-        while let Some(agent) = self.roster.due().next() {
-            self.start_anew(agent)?;
+        // Who is lost while it starts is due again.
+        while self.roster.due().next().is_some() {
+            for agent in self.roster.due() {
+                self.start_anew(agent)?;
+            }
             if self.clock.is_none() {
                 self.await_started()?;
             }

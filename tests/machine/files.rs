@@ -303,7 +303,12 @@ fn kill_while_results_are_written(times: u32) {
     let folder = Folder::new();
     let policy: PathBuf = crate::common::data("traces/hear-see/policy.safetensors");
     let words = |report: &str| {
-        format!("evaluate {} --episodes 20 --report {}", policy.display(), folder.path(report).display())
+        let report = folder.path(report);
+        format!(
+            "evaluate {} --episodes 5 --levels 1,0.2 --imputers hold,zero --report {}",
+            policy.display(),
+            report.display()
+        )
     };
     let started = Instant::now();
     succeed(&words("whole"));

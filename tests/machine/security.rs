@@ -93,6 +93,29 @@ fn somebody_else_cannot_open_list_or_disturb_a_swarm() {
 }
 
 #[test]
+fn too_few_processes_are_found_before_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o755)).unwrap();
+    let program = folder.path().join("vamaro-swarm");
+    fs::copy(PROGRAM, &program).unwrap();
+    let with = |limit: u32, words: &str| {
+        as_somebody_else(&format!("exec prlimit --nproc={limit} {} {words}", program.display()))
+    };
+    let spawn = "spawn --task hear-see --episodes 1";
+    // The program itself is one.
+    let Some(output) = with(5, spawn) else { return };
+    let error = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("2 agents need 5 more processes and threads"), "{error}");
+    assert!(error.contains("`ulimit -u 6`"), "{error}");
+    assert!(with(6, spawn).unwrap().status.success());
+    let doctor = |limit| String::from_utf8(with(limit, "doctor").unwrap().stdout).unwrap();
+    assert!(doctor(5).contains("a team of two needs 5"), "{}", doctor(5));
+    assert!(doctor(60).contains("the largest team needs 129"), "{}", doctor(60));
+    as_somebody_else(&format!("rm -rf /tmp/vamaro-swarm-{SOMEBODY_ELSE}"));
+}
+
+#[test]
 fn a_place_that_somebody_has_prepared_is_refused_with_what_to_do() {
     for prepare in ["mkdir -m 777", "ln -s /mnt", "touch"] {
         let script = format!(

@@ -89,18 +89,29 @@ fn chaos_needs_one_world_and_sense() {
     fail("spawn --on-failure restart --record x.json", 2, &["--on-failure abort"]);
 }
 
-/// Hits an agent at a tick of the first episode.
+/// Hits agents before a step of the first episode.
 struct Hit {
     step: u32,
-    agent: Pid,
+    agents: Vec<Pid>,
     signal: Signal,
 }
 
-impl Observer for Hit {
-    fn stepped(&mut self, stage: &Stage, _: &Decisions) -> Result<()> {
+impl Hit {
+    fn at(&self, stage: &Stage) {
         if (stage.tick().episode, stage.tick().step) == (0, self.step) {
-            kill_process(self.agent, self.signal).unwrap();
+            self.agents.iter().for_each(|agent| kill_process(*agent, self.signal).unwrap());
         }
+    }
+}
+
+impl Observer for Hit {
+    fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
+        self.at(stage);
+        Ok(())
+    }
+
+    fn stepped(&mut self, stage: &Stage, _: &Decisions) -> Result<()> {
+        self.at(stage);
         Ok(())
     }
 }
@@ -121,7 +132,12 @@ fn start(on_failure: OnFailure, answer: Duration, delays: bool) -> (Processes, S
 
 /// Plays three episodes, in the first of which agent 2 is hit.
 fn play(swarm: &mut Processes, session: &mut Session, signal: Signal) -> Statistics {
-    let (mut hit, mut ledger) = (Hit { step: 7, agent: swarm_of(swarm).0[2], signal }, Ledger::default());
+    let hit = Hit { step: 7, agents: vec![swarm_of(swarm).0[2]], signal };
+    play_with(swarm, session, hit)
+}
+
+fn play_with(swarm: &mut Processes, session: &mut Session, mut hit: Hit) -> Statistics {
+    let mut ledger = Ledger::default();
     session.play(swarm, 3, &mut [&mut ledger, &mut hit]).unwrap();
     ledger.into_statistics()
 }
@@ -145,6 +161,77 @@ fn who_dies_is_replaced_and_the_others_play_on() {
             assert_gone(&[before, after].concat(), &tag);
         }
     }
+}
+
+#[test]
+fn several_may_die_at_a_tick_and_at_the_first_of_all() {
+    for step in [0, 7] {
+        let (mut swarm, mut session) = start(OnFailure::Restart, LONG, false);
+        let (before, tag) = swarm_of(&swarm);
+        let hit = Hit { step, agents: before[..3].to_vec(), signal: Signal::KILL };
+        let statistics = play_with(&mut swarm, &mut session, hit);
+        assert_eq!(statistics.episodes().len(), 3);
+        let faults = swarm.faults();
+        assert_eq!((faults.deaths, faults.hangs, faults.restarts), (3, 0, 3), "{:?}", faults.told);
+        // Each may have been noticed before the next tick began, or while it was played.
+        assert!(statistics.absent() <= 3);
+        let after = swarm_of(&swarm).0;
+        assert!(after[..3].iter().all(|agent| !before.contains(agent)) && after[3] == before[3]);
+        drop(swarm);
+        assert_gone(&[before, after].concat(), &tag);
+    }
+}
+
+#[test]
+fn who_dies_while_it_starts_is_started_once_more() {
+    let swarm = Swarm::start("--agents 3 --p 0.5 --deadline 60s --json");
+    let (supervisor, first) = (swarm.supervisor().as_raw_nonzero().get() as u32, swarm.agents.clone());
+    kill_process(first[1], Signal::KILL).unwrap();
+    let deadline = Instant::now() + LONG;
+    // Its process is there, and has hardly begun.
+    let second = loop {
+        assert!(Instant::now() < deadline, "nobody takes its place");
+        let new = |agent: &Pid| !first.contains(agent);
+        if let Some(agent) = common::children(supervisor).into_iter().find(new) {
+            break agent;
+        }
+    };
+    kill_process(second, Signal::KILL).unwrap();
+    while common::is_running(second) {
+        assert!(Instant::now() < deadline, "it does not die");
+    }
+    common::await_sleeps(swarm.supervisor(), 200);
+    swarm.signal_supervisor(Signal::INT);
+    let tag = swarm.tag.clone();
+    let (code, stdout, stderr) = swarm.wait();
+    assert_eq!(code, Some(130), "{stderr}");
+    let summary: Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!([&summary["faults"]["deaths"], &summary["faults"]["restarts"]], [2, 1], "{summary}");
+    assert_gone(&[first, vec![second]].concat(), &tag);
+}
+
+#[test]
+fn a_stopped_agent_holds_up_nobody_who_is_to_end() {
+    let swarm = Swarm::start("--agents 3 --p 0.5 --deadline 60s");
+    let (agents, tag) = (swarm.agents.clone(), swarm.tag.clone());
+    kill_process(agents[2], Signal::STOP).unwrap();
+    swarm.signal_supervisor(Signal::INT);
+    let (code, _, stderr) = swarm.wait();
+    assert_eq!(code, Some(130), "{stderr}");
+    assert_gone(&agents, &tag);
+}
+
+#[test]
+fn against_the_clock_the_others_may_play_on_without_it() {
+    let swarm =
+        Swarm::start("--agents 3 --p 0.5 --rate 50 --episodes 6 --deadline 60s --on-failure continue --json");
+    kill_process(swarm.agents[1], Signal::KILL).unwrap();
+    let (code, stdout, stderr) = swarm.wait();
+    assert_eq!(code, Some(0), "{stderr}");
+    let summary: Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!([&summary["faults"]["deaths"], &summary["faults"]["restarts"]], [1, 0], "{summary}");
+    // From the tick on at which it was noticed, among the first of 150.
+    assert!(summary["absent"].as_u64().unwrap() > 75, "{summary}");
 }
 
 #[test]

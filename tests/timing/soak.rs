@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
 
 use crate::common::{self, Swarm};
 
@@ -54,52 +55,78 @@ fn running(swarm: &Swarm) -> Vec<Pid> {
     children.into_iter().filter(|child| common::is_running(*child)).collect()
 }
 
-/// Kills agents one after the other, each when all are there. Returns what the swarm held after the first of them were
-/// replaced, and at the end.
-fn kill_often(agents: usize, kills: usize) -> Vec<Held> {
-    let words = format!("--agents {agents} --policy untrained --imputer hold --p 0.5 --deadline 60s");
-    let swarm = Swarm::start(&words);
-    let mut held = Vec::new();
-    for kill in 0..=kills {
-        let deadline = Instant::now() + Duration::from_secs(60);
-        let there = loop {
-            let there = running(&swarm);
-            if there.len() == agents && there.iter().all(|agent| common::settings_of(*agent).is_some()) {
-                break there;
-            }
-            assert!(Instant::now() < deadline, "nobody comes back after {kill} kills");
-            std::thread::sleep(Duration::from_millis(1));
-        };
-        // It plays again.
-        common::await_sleeps(swarm.supervisor(), 20);
-        // After each has been killed once, all is as it will be.
-        if kill == agents || kill == kills {
-            held.push(Held::by(&swarm));
-        }
-        if kill < kills {
-            let victim = there[kill * 7 % agents];
-            kill_process(victim, Signal::KILL).unwrap();
-            let deadline = Instant::now() + Duration::from_secs(60);
-            while common::is_running(victim) {
-                assert!(Instant::now() < deadline, "{victim:?} does not die");
-                std::thread::sleep(Duration::from_millis(1));
-            }
-        }
-    }
-    swarm.signal_supervisor(Signal::INT);
-    let tag = swarm.tag.clone();
-    let (code, stdout, stderr) = swarm.wait();
-    assert_eq!(code, Some(130), "{stderr}");
-    let deaths = format!("{kills} deaths, 0 hangs, {kills} restarts");
-    assert!(stdout.contains(&deaths), "{stdout}");
-    println!("{stdout}");
-    common::assert_gone(&[], &tag);
-    held
+/// What is done to agents, again and again.
+struct Injury {
+    /// How the swarm is started, besides `spawn` and the number of episodes.
+    words: String,
+    agents: usize,
+    signal: Signal,
+    /// How many are hit at a time.
+    together: usize,
 }
 
+impl Injury {
+    /// Hits agents `times` times, each time when all are there. Returns what the swarm held after each agent had been hit
+    /// once, and at the end, and its summary.
+    fn repeat(&self, times: usize) -> (Vec<Held>, Value) {
+        let Injury { ref words, agents, signal, together } = *self;
+        let swarm = Swarm::start(&format!("{words} --json"));
+        let mut held = Vec::new();
+        for time in 0..=times {
+            let there = await_all(&swarm, agents, time);
+            // After each has been hit once, all is as it will be.
+            if time == agents || time == times {
+                held.push(Held::by(&swarm));
+            }
+            if time < times {
+                let victims: Vec<Pid> = (0..together).map(|n| there[(time * 7 + n) % agents]).collect();
+                victims.iter().for_each(|victim| kill_process(*victim, signal).unwrap());
+                await_end(&victims);
+            }
+        }
+        swarm.signal_supervisor(Signal::INT);
+        let tag = swarm.tag.clone();
+        let (code, stdout, stderr) = swarm.wait();
+        assert_eq!(code, Some(130), "{stderr}");
+        common::assert_gone(&[], &tag);
+        let summary: Value = serde_json::from_str(&stdout).unwrap();
+        (held, summary)
+    }
+}
+
+/// Waits until all agents are there and play; who they are.
+fn await_all(swarm: &Swarm, agents: usize, time: usize) -> Vec<Pid> {
+    let deadline = Instant::now() + LONG;
+    let there = loop {
+        let there = running(swarm);
+        if there.len() == agents && there.iter().all(|agent| common::settings_of(*agent).is_some()) {
+            break there;
+        }
+        assert!(Instant::now() < deadline, "nobody comes back after {time} times");
+        std::thread::sleep(Duration::from_millis(1));
+    };
+    common::await_sleeps(swarm.supervisor(), 20);
+    there
+}
+
+/// Waits until processes have ended; how long that took.
+fn await_end(processes: &[Pid]) -> Duration {
+    let began = Instant::now();
+    while processes.iter().any(|process| common::is_running(*process)) {
+        assert!(began.elapsed() < LONG, "one of {processes:?} does not end");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    began.elapsed()
+}
+
+const LONG: Duration = Duration::from_secs(60);
+
 fn check(agents: usize, kills: usize) {
-    let held = kill_often(agents, kills);
-    println!("after {agents} kills and after {kills}: {held:#?}");
+    let words = format!("--agents {agents} --policy untrained --imputer hold --p 0.5 --deadline 60s");
+    let (held, summary) = Injury { words, agents, signal: Signal::KILL, together: 1 }.repeat(kills);
+    let faults = ["deaths", "hangs", "restarts"].map(|what| summary["faults"][what].as_u64().unwrap());
+    assert_eq!(faults, [kills as u64, 0, kills as u64], "{summary}");
+    println!("{}\nafter {agents} kills and after {kills}: {held:#?}", summary["faults"]);
     let [first, last] = held[..] else { panic!("{held:?}") };
     // Queues of the moment take a page more or less.
     let pages = |bytes: u64| bytes / 4096;
@@ -117,4 +144,38 @@ fn twenty_kills_leave_nothing_behind() {
 #[ignore = "takes minutes"]
 fn two_thousand_kills_leave_nothing_behind() {
     check(12, 2000);
+}
+
+/// The table of docs/reliability.md: `cargo test --release --test timing -- --ignored --nocapture how_long`.
+#[test]
+#[ignore = "takes minutes"]
+fn how_long_each_fault_lasts() {
+    const TIMES: usize = 100;
+    let lockstep = "--agents 4 --p 0.2";
+    for (what, words, signal, together) in [
+        ("SIGKILL", lockstep, Signal::KILL, 1),
+        ("SIGABRT", lockstep, Signal::ABORT, 1),
+        ("SIGKILL of three at once", lockstep, Signal::KILL, 3),
+        ("SIGSTOP until the deadline", lockstep, Signal::STOP, 1),
+        ("SIGKILL at 100 Hz", "--agents 4 --p 0.2 --rate 100", Signal::KILL, 1),
+        ("SIGSTOP at 100 Hz", "--agents 4 --p 0.2 --rate 100", Signal::STOP, 1),
+    ] {
+        let injury = Injury { words: words.to_owned(), agents: 4, signal, together };
+        let faults = injury.repeat(TIMES).1["faults"].take();
+        println!("{what}, {TIMES} times: {faults}");
+    }
+    let mut took: Vec<Duration> = (0..TIMES)
+        .map(|_| {
+            let swarm = Swarm::start(lockstep);
+            swarm.signal_supervisor(Signal::KILL);
+            await_end(&swarm.agents)
+        })
+        .collect();
+    took.sort();
+    println!(
+        "SIGKILL of the supervisor, {TIMES} times: its agents end after {:?}, {:?}",
+        took[TIMES / 2],
+        took[TIMES - 1]
+    );
+    common::succeed("spawn --episodes 1");
 }
