@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args};
 
-use super::{print, tell};
-use crate::base::error::Result;
+use super::{policy_source, print, tell};
+use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
-use crate::recording::Recording;
+use crate::recording::{Reader, Rerun};
 use crate::usage;
 use crate::view::film::{Film, Moment, gif, page, svg};
 
@@ -52,6 +52,11 @@ pub struct Replay {
     /// The step of the frame [default: the end of the episode]
     #[arg(long, value_name = "S", requires = "svg")]
     step: Option<usize>,
+
+    /// Policy to run compact traces with, which leave out what agents thought [default: the one beside the trace, or the
+    /// one it names]
+    #[arg(long, value_name = "FILE|DIR|builtin")]
+    policy: Option<String>,
 
     /// The agent whose links and ghosts are shown at first: where it thinks the others are
     #[arg(long, value_name = "I", default_value_t = 0)]
@@ -100,16 +105,27 @@ impl Replay {
 
     /// The episodes of a file that are to be seen.
     fn film(&self, path: &Path) -> Result<Film> {
-        let recording = Recording::read(path)?;
+        let recording = Reader::open(path)?;
         let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-        let mut film = Film::of(name, recording.header)?;
-        let mut left_out = 0;
-        for (number, episode) in (0..).zip(&recording.episodes) {
+        let mut film = Film::of(name, recording.header.clone())?;
+        let policy = self.policy.as_deref().map(|name| policy_source(name, 0)).transpose()?;
+        // A compact trace leaves it to us what agents thought.
+        let team = recording.is_compact().then(|| Rerun::new(path, &recording.header, policy.as_ref()));
+        let (mut team, mut left_out) = (team.transpose()?, 0);
+        for (number, episode) in (0..).zip(recording) {
+            let mut episode = episode?;
             match self.episode {
-                Some(wanted) if wanted != episode.episode.unwrap_or(number) => {}
-                None if film.takes.len() >= MOST_EPISODES => left_out += 1,
-                _ => film.push(number, episode)?,
+                Some(wanted) if wanted != episode.episode.unwrap_or(number) => continue,
+                None if film.takes.len() >= MOST_EPISODES => {
+                    left_out += 1;
+                    continue;
+                }
+                _ => {}
             }
+            if let Some(team) = &mut team {
+                team.think(&mut episode).map_err(|what| Error::io("replay", path, what))?;
+            }
+            film.push(number, &episode)?;
         }
         if film.takes.is_empty() {
             return Err(match self.episode {

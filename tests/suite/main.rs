@@ -8,6 +8,7 @@ mod common;
 
 mod bad_input;
 mod bench;
+mod compact;
 mod delays;
 mod dependencies;
 mod documents;

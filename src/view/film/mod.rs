@@ -134,12 +134,13 @@ impl Film {
             agents().map(|receiver| agents().map(|sender| arrived(receiver, sender)).collect()).collect();
         let (mut ghosts, mut errors) = (Vec::new(), Vec::new());
         for agent in agents() {
-            if !presence[agent].decided() {
+            let estimate = &episode.joint_estimate[step][agent];
+            // It did not decide, or what it thought cannot be computed again.
+            if estimate.is_empty() {
                 ghosts.push(Vec::new());
                 errors.push(None);
                 continue;
             }
-            let estimate = &episode.joint_estimate[step][agent];
             if estimate.len() != self.spec.joint_dim() {
                 return None;
             }
