@@ -7,7 +7,7 @@ use crate::agent::process::{self, ProcessSettings};
 use crate::base::error::Result;
 use crate::base::faults::say_what_ended;
 use crate::base::rng::MAX_AGENTS;
-use crate::bus::is_tag;
+use crate::bus::{PROTOCOL, is_tag};
 use crate::failed;
 use crate::link::LONGEST_DELAY;
 use crate::supervisor::AgentCommand;
@@ -53,7 +53,14 @@ pub fn run_if_agent(registry: &Registry) {
 
 /// An error if no supervisor of this version can have written these settings. Sizes follow from them.
 fn check(process: &ProcessSettings) -> Result<()> {
-    let ProcessSettings { address, agent, settings, .. } = process;
+    let ProcessSettings { address, agent, settings, wire, .. } = process;
+    if wire.protocol != PROTOCOL {
+        return Err(failed!(
+            "the program that started this agent speaks version {} of the protocol, and this one {PROTOCOL}; build both \
+             from the same source",
+            wire.protocol
+        ));
+    }
     let team = settings.spec.n_agents();
     let sound = (1..=MAX_AGENTS).contains(&team)
         && address.agents == team

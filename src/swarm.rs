@@ -221,6 +221,12 @@ impl SwarmBuilder {
         self
     }
 
+    /// The program to run for one agent, in any language: `docs/protocol.md` says what it has to do.
+    pub fn other_agent(mut self, agent: usize, command: AgentCommand) -> SwarmBuilder {
+        self.conduct.others.push((agent, command));
+        self
+    }
+
     /// Starts the swarm. Returns when all its agents are ready.
     ///
     /// # Errors

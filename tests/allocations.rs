@@ -159,6 +159,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                             let sensor = Sensor {
                                 carried_out: &tick.carried_out[agent..=agent],
                                 ages: tick.arriving(agent, 0),
+                                draws: &[[0; 2]],
                                 observations: tick.observation(task.spec(), agent, 0),
                             };
                             let write = |words: &mut [u32]| layout.write_sensor(words, &sensor);

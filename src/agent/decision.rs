@@ -9,7 +9,6 @@ use super::imputer::{Imputer, Registry, Setup, Step};
 use super::oracle::Oracle;
 use super::{Inbox, PolicySource, Truth};
 use crate::base::error::Result;
-use crate::base::rng::{Draws, Purpose};
 use crate::bus::Layout;
 use crate::environment::Spec;
 use crate::failed;
@@ -74,7 +73,6 @@ impl AgentSettings {
 pub struct Agent {
     index: usize,
     spec: Spec,
-    seed: u64,
     greedy: bool,
     worlds: usize,
     longest_delay: u8,
@@ -115,7 +113,6 @@ impl Agent {
         let (imputer, truth) = Truth::split(&settings.imputer);
         Ok(Agent {
             index,
-            seed,
             greedy,
             worlds,
             longest_delay,
@@ -171,7 +168,7 @@ impl Agent {
     /// forgets this.
     pub(crate) fn warm_up(&mut self) {
         self.begin_episode(self.worlds);
-        self.act(0, 0, self.worlds);
+        self.act(0, 0, &vec![0.0; self.worlds]);
         self.predict();
     }
 
@@ -204,8 +201,10 @@ impl Agent {
         self.oracle.as_ref().map_or(Ok(()), |oracle| oracle.substitute(everything, estimate))
     }
 
-    /// Chooses an action in each of the `worlds` worlds of the episode from the joint estimates.
-    pub fn act(&mut self, episode: u64, step: u32, worlds: usize) {
+    /// Chooses an action in each world of the episode from the joint estimates, and by its draw from [0, 1) where actions are
+    /// sampled.
+    pub fn act(&mut self, episode: u64, step: u32, draws: &[f64]) {
+        let worlds = draws.len();
         (self.moment, self.has_predicted) = (Some((episode, step)), false);
         self.actions.clear();
         let estimates = &self.estimates[..worlds * self.spec.joint_dim()];
@@ -213,16 +212,9 @@ impl Agent {
         let logits = &mut self.logits[..worlds * n_actions];
         self.actor.step(worlds, estimates, &[], &mut self.state, &mut self.scratch, logits);
         let available = self.spec.available_actions(self.index);
-        for (world, logits) in logits.chunks_exact(n_actions).enumerate() {
+        for (logits, draw) in logits.chunks_exact(n_actions).zip(draws) {
             let logits = &logits[..available];
-            let action = if self.greedy {
-                most_probable(logits)
-            } else {
-                let episode = episode + world as u64;
-                let u =
-                    Draws::new(self.seed, Purpose::Action, episode, step.into()).at(self.index, 0).uniform();
-                sample(logits, u)
-            };
+            let action = if self.greedy { most_probable(logits) } else { sample(logits, *draw) };
             self.actions.push(action as u32);
         }
     }

@@ -4,7 +4,7 @@ use super::{Agent, Mailbox};
 use crate::base::error::Result;
 use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::Granted;
-use crate::bus::{AgentPort, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, now_ns};
+use crate::bus::{AgentPort, DecisionTimes, Header, Kind, Layout, PROTOCOL, Sample, join, now_ns};
 use crate::failed;
 
 /// One agent and its port. The same code runs as a process and in-process.
@@ -24,6 +24,8 @@ pub struct Member<P: AgentPort> {
     episode: Option<u64>,
     /// How old what reached the agent is, `[worlds, agents]`.
     ages: Vec<u8>,
+    /// By which actions are sampled, `[worlds]`.
+    draws: Vec<f64>,
 }
 
 /// What the supervisor wants of an agent.
@@ -58,6 +60,7 @@ impl<P: AgentPort> Member<P> {
             decided: None,
             episode: None,
             ages: Vec::new(),
+            draws: Vec::new(),
         }
     }
 
@@ -152,7 +155,9 @@ impl<P: AgentPort> Member<P> {
             self.ages.extend(senders.map(|sender| if sender == agent { 0 } else { inbox.age(sender) }));
         }
         let times = DecisionTimes { received_ns, fused_ns: now_ns() };
-        self.agent.act(episode, step, worlds);
+        self.draws.clear();
+        self.draws.extend(sensor.draws.iter().map(|draw| f64::from_bits(join(*draw))));
+        self.agent.act(episode, step, &self.draws);
         let header = self.answer(Kind::Decision, sample.header(), self.layout.decision_words(worlds));
         let (agent, layout, ages) = (&self.agent, &self.layout, &self.ages);
         self.port.publish_decision(header, |words| {
@@ -292,8 +297,8 @@ mod tests {
         for step in 0..2 {
             let header =
                 Header { step, tick: step.into(), ..message(Kind::Sensor, 0, layout.sensor_words(1)) };
-            let sensor =
-                Sensor { carried_out: &[carried_out], ages: &[NOT_ARRIVED; 2], observations: &[0.5; 8] };
+            let (ages, draws) = (&[NOT_ARRIVED; 2], &[[0; 2]]);
+            let sensor = Sensor { carried_out: &[carried_out], ages, draws, observations: &[0.5; 8] };
             hub.send_sensor(0, LocalSample::new(header, |words| layout.write_sensor(words, &sensor)));
             assert_eq!(member.sense()?, Sensed::Tick);
             member.decide()?;

@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize};
 use super::{Agent, AgentSettings, Member, Sensed};
 use crate::base::error::Result;
 use crate::base::scheduling::Scheduling;
-use crate::bus::{AgentSharedPort, SwarmAddress, Wait, wait_for_moment, wait_until, wake_on_time};
+use crate::bus::{AgentSharedPort, SwarmAddress, Wait, Wire, wait_for_moment, wait_until, wake_on_time};
 use crate::failed;
 
 /// How long an agent tries to open what its supervisor has created.
 const OPEN_DEADLINE: Duration = Duration::from_secs(5);
 
-/// What the supervisor tells an agent process at its start.
+/// What the supervisor tells an agent process at its start. `docs/protocol.md` says which of it other languages can rely on.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ProcessSettings {
     /// The swarm it belongs to. It comes first: by that a program knows what it was started for.
@@ -33,6 +33,8 @@ pub struct ProcessSettings {
     pub supervisor: i32,
     /// What it runs.
     pub settings: AgentSettings,
+    /// How messages are made, for those that are not this program.
+    pub wire: Wire,
 }
 
 /// Runs an agent until the supervisor sends it away.

@@ -3,11 +3,15 @@
 //! A message is a [`Header`] and a payload of words, written in place in a loaned sample and read in
 //! place by its receivers. Floats travel as their bits. A message speaks for all parallel worlds of the
 //! swarm at once, so every part below has one entry per world. Weights alone are for all worlds the same.
+//!
+//! `docs/protocol.md` says the same for agents in other languages, byte by byte. Whoever changes one changes the other, and
+//! counts up [`PROTOCOL`].
 
 use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
 
 /// Version of the header and the layouts; a receiver refuses any other.
-pub const PROTOCOL: u32 = 6;
+pub const PROTOCOL: u32 = 7;
 
 /// The age of an observation that has not arrived. Every other age says how many ticks ago the observation that arrives
 /// now was made: 0 if at this tick.
@@ -31,9 +35,10 @@ pub enum Kind {
     Weights = 6,
 }
 
-/// Stands before every payload.
+/// Stands before every payload. Its name is the one by which other languages open the services.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("VamaroSwarmHeader")]
 pub struct Header {
     /// [`PROTOCOL`].
     pub protocol: u32,
@@ -82,13 +87,13 @@ impl Header {
 ///
 /// | message | parts, each `[worlds, ..]` |
 /// |---|---|
-/// | sensor | action carried out at the step before (`action`), ages of what arrives (a byte for each of `agents`), own observation (`observation`) |
+/// | sensor | action carried out at the step before (`action`), ages of what arrives (a byte for each of `agents`), [draw](Sensor::draws) (2), own observation (`observation`) |
 /// | observation | observation (`observation`) |
 /// | decision | action (`action`), ages used (a byte for each of `agents`), joint estimate (`joint`), logits (`logits`) |
 ///
 /// The bytes of all worlds stand behind each other, and zeros fill their last word. Behind the parts of a decision message
 /// stand the [`DecisionTimes`]. A weights message is all values of a policy, in the order of its tensors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Layout {
     /// Size of the team.
     pub agents: usize,
@@ -105,6 +110,9 @@ pub struct Layout {
 /// Words of the [`DecisionTimes`].
 const TIMES: usize = 4;
 
+/// Words of a draw.
+const DRAW: usize = 2;
+
 /// An agent's reading of its own sensor, and what its links bring.
 #[derive(Clone, Copy, Debug)]
 pub struct Sensor<'a> {
@@ -113,6 +121,9 @@ pub struct Sensor<'a> {
     pub carried_out: &'a [u32],
     /// How old what arrives from each sender is, or [`NOT_ARRIVED`], `[worlds, agents]`.
     pub ages: &'a [u8],
+    /// The uniform draw in [0, 1) that samples the agent's action, `[worlds]`: the halves of an f64, the low one first. Zeros
+    /// where the most probable action is taken.
+    pub draws: &'a [[u32; 2]],
     /// The agent's own observations, `[worlds, observation]`.
     pub observations: &'a [f32],
 }
@@ -144,7 +155,7 @@ pub struct Decision<'a> {
 impl Layout {
     /// Words of a sensor message.
     pub fn sensor_words(&self, worlds: usize) -> usize {
-        self.age_words(worlds) + worlds * (self.action + self.observation)
+        self.age_words(worlds) + worlds * (self.action + DRAW + self.observation)
     }
 
     /// Words of an observation message.
@@ -164,19 +175,27 @@ impl Layout {
 
     /// Writes a sensor message from its parts, each `[worlds, ..]`.
     pub fn write_sensor(&self, words: &mut [u32], sensor: &Sensor) {
-        let Sensor { carried_out, ages, observations } = *sensor;
+        let Sensor { carried_out, ages, draws, observations } = *sensor;
         let (action_words, rest) = words.split_at_mut(carried_out.len());
         action_words.copy_from_slice(carried_out);
-        let (age_words, values) = rest.split_at_mut(ages.len().div_ceil(size_of::<u32>()));
+        let (age_words, rest) = rest.split_at_mut(ages.len().div_ceil(size_of::<u32>()));
         write_ages(age_words, ages);
+        let (draw_words, values) = rest.split_at_mut(DRAW * draws.len());
+        draw_words.copy_from_slice(draws.as_flattened());
         values.copy_from_slice(bytemuck::cast_slice(observations));
     }
 
     /// Reads a sensor message of [`Layout::sensor_words`] words.
     pub fn sensor<'a>(&self, words: &'a [u32], worlds: usize) -> Sensor<'a> {
         let (carried_out, rest) = words.split_at(self.action * worlds);
-        let (ages, values) = rest.split_at(self.age_words(worlds));
-        Sensor { carried_out, ages: self.ages(ages, worlds), observations: bytemuck::cast_slice(values) }
+        let (ages, rest) = rest.split_at(self.age_words(worlds));
+        let (draws, observations) = rest.split_at(DRAW * worlds);
+        Sensor {
+            carried_out,
+            ages: self.ages(ages, worlds),
+            draws: bytemuck::cast_slice(draws),
+            observations: bytemuck::cast_slice(observations),
+        }
     }
 
     /// Writes a decision message from its parts, each `[worlds, ..]`, and its times.
@@ -211,7 +230,10 @@ impl Layout {
             ages: self.ages(ages, worlds),
             estimates: bytemuck::cast_slice(estimates),
             logits: bytemuck::cast_slice(logits),
-            times: DecisionTimes { received_ns: join(&times[..2]), fused_ns: join(&times[2..]) },
+            times: DecisionTimes {
+                received_ns: join([times[0], times[1]]),
+                fused_ns: join([times[2], times[3]]),
+            },
         }
     }
 
@@ -227,13 +249,19 @@ fn write_ages(words: &mut [u32], ages: &[u8]) {
     bytemuck::cast_slice_mut(words)[..ages.len()].copy_from_slice(ages);
 }
 
-fn join(words: &[u32]) -> u64 {
-    u64::from(words[0]) | u64::from(words[1]) << 32
+/// The halves of 64 bits, the low one first: words are all there is to a payload, which is aligned to them.
+pub(crate) fn halves(bits: u64) -> [u32; 2] {
+    [bits as u32, (bits >> 32) as u32]
+}
+
+/// What these are the halves of.
+pub(crate) fn join([low, high]: [u32; 2]) -> u64 {
+    u64::from(low) | u64::from(high) << 32
 }
 
 fn write_times(words: &mut [u32], times: [u64; TIMES / 2]) {
     for (pair, time) in words.chunks_exact_mut(2).zip(times) {
-        pair.copy_from_slice(&[time as u32, (time >> 32) as u32]);
+        pair.copy_from_slice(&halves(time));
     }
 }
 
@@ -249,9 +277,11 @@ mod tests {
         let observations = [0.5, -1.0, f32::MIN_POSITIVE, 2.0, 3.0, 4.0];
         // Where an older message was before.
         let mut words = vec![u32::MAX; LAYOUT.sensor_words(2)];
-        let carried_out = &[4, 0, 7, 1];
-        LAYOUT.write_sensor(&mut words, &Sensor { carried_out, ages: &ages, observations: &observations });
+        let (carried_out, draws) = (&[4, 0, 7, 1], [0.25f64, 0.75].map(|draw| halves(draw.to_bits())));
+        let sent = Sensor { carried_out, ages: &ages, draws: &draws, observations: &observations };
+        LAYOUT.write_sensor(&mut words, &sent);
         let sensor = LAYOUT.sensor(&words, 2);
+        assert_eq!(sensor.draws.iter().map(|draw| f64::from_bits(join(*draw))).sum::<f64>(), 1.0);
         assert_eq!(sensor.carried_out, carried_out);
         assert_eq!((sensor.ages, sensor.observations), (&ages[..], &observations[..]));
         assert_eq!(words[5] >> 16, 0, "zeros fill the last word of the ages");

@@ -1,5 +1,7 @@
 //! The services of a swarm and their limits: the one place that says how large anything is.
 
+use std::path::PathBuf;
+
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::port::publisher::Publisher;
@@ -12,7 +14,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use serde::{Deserialize, Serialize};
 
 use super::directory::{prefix_of, root_of};
-use super::{Header, Layout};
+use super::{Header, Layout, PROTOCOL};
 use crate::base::error::{Error, Result, Source};
 
 /// Samples of one publisher that a receiver can hold where nothing is delayed: the one in its inbox and the one replacing
@@ -45,6 +47,21 @@ pub struct SwarmAddress {
     pub real_time: bool,
     /// The most ticks that an observation may be under way.
     pub longest_delay: u8,
+}
+
+/// What an agent in another language needs in order to open the services of a swarm; ours work it out from the address.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Wire {
+    /// [`PROTOCOL`].
+    pub protocol: u32,
+    /// The root path of iceoryx2's configuration.
+    pub root: PathBuf,
+    /// The prefix of iceoryx2's configuration.
+    pub prefix: String,
+    /// Messages that each of its publishers has room for.
+    pub samples: usize,
+    /// Sizes of the messages.
+    pub layout: Layout,
 }
 
 pub(super) type Words = publish_subscribe::PortFactory<ipc::Service, [u32], Header>;
@@ -108,6 +125,17 @@ impl SwarmAddress {
     /// The number that marks this swarm's messages.
     pub fn id(&self) -> u64 {
         u64::from_str_radix(&self.tag, 16).unwrap_or_default()
+    }
+
+    /// The same for agents in other languages, of a team with messages of these sizes.
+    pub(crate) fn wire(&self, layout: &Layout) -> Wire {
+        Wire {
+            protocol: PROTOCOL,
+            root: root_of(&self.tag),
+            prefix: prefix_of(&self.tag),
+            samples: self.observation_samples(),
+            layout: *layout,
+        }
     }
 
     /// This process's entry point to iceoryx2.

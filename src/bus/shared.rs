@@ -8,6 +8,8 @@ use iceoryx2::node::Node;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::ipc;
+use iceoryx2::service::header::payload_header::PayloadHeader;
+use rustix::process::Pid;
 
 use super::directory::keep_to_this_user;
 use super::services::{
@@ -20,6 +22,18 @@ use crate::failed;
 /// A received message in shared memory. Holding it keeps its publisher from writing there again.
 #[derive(Debug)]
 pub struct SharedSample(iceoryx2::sample::Sample<ipc::Service, [u32], Header>);
+
+impl SharedSample {
+    /// The node that sent it, which has one process: its number, which no other node of the swarm ever has.
+    pub(crate) fn node(&self) -> u128 {
+        self.0.header().node_id().value()
+    }
+
+    /// The process of that node, dead or alive.
+    pub(crate) fn process(&self) -> Option<Pid> {
+        Pid::from_raw(self.0.header().node_id().pid::<ipc::Service>().ok()?.value())
+    }
+}
 
 impl Sample for SharedSample {
     fn header(&self) -> &Header {

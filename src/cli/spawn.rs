@@ -21,8 +21,8 @@ use crate::link::{self, CommunicationMatrix, LinkSpec, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::{FORMAT_VERSION, RecordingHeader, is_json};
 use crate::supervisor::{
-    Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure, Processes,
-    Recorder, Session, Statistics, Team, parse_duration, signals,
+    AgentCommand, Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure,
+    Processes, Recorder, Session, Statistics, Team, parse_duration, signals,
 };
 use crate::{failed, usage};
 
@@ -67,6 +67,11 @@ pub struct Spawn {
 
     #[arg(long, value_name = "NAME", help = imputer_help("dynamics if fitted to the policy, else value-aware"))]
     imputer: Option<String>,
+
+    /// Start this command in place of an agent, such as '2=python3 agents/python/hold.py'; may be given for several agents.
+    /// It may be in any language: docs/protocol.md says what it has to do. Quotes work as in a shell, variables do not
+    #[arg(long = "agent", value_name = "I=COMMAND", value_parser = other_agent, conflicts_with = "in_process")]
+    other_agents: Vec<(usize, AgentCommand)>,
 
     /// Take the most probable action instead of sampling
     #[arg(long)]
@@ -164,6 +169,9 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0 --physics motor_noise=0.3,mass=1.2
   # where did each input of the policies come from?
   vamaro-swarm spawn --agents 6 --policy untrained --links dynamic --audit
+  # agent 2 is a program of yours
+  vamaro-swarm spawn --agents 4 --imputer hold \\
+    --agent '2=python3 agents/python/hold.py'
   # in real time, 100 Hz
   vamaro-swarm spawn --agents 4 --p 0.2 --rate 100
   # agents are killed; exit code 3 if the team falls short
@@ -259,6 +267,7 @@ impl Spawn {
             on_failure,
             deadlines: Deadlines { answer, ..Deadlines::default() },
             command: None,
+            others: self.other_agents.clone(),
         })
     }
 
@@ -427,6 +436,15 @@ fn duration(text: &str) -> std::result::Result<Duration, String> {
     parse_duration(text)
         .filter(|time| !time.is_zero())
         .ok_or_else(|| "expected a time, such as 1s or 500ms".to_owned())
+}
+
+/// Reads which agent is to be started by what command, such as `2=python3 agent.py`.
+fn other_agent(text: &str) -> std::result::Result<(usize, AgentCommand), String> {
+    let (agent, command) =
+        text.split_once('=').ok_or("expected an agent and a command, such as '2=python3 agent.py'")?;
+    let agent =
+        agent.trim().parse().map_err(|_| format!("`{agent}` is no agent: they are counted from 0"))?;
+    Ok((agent, AgentCommand::parse(command).map_err(|e| e.to_string())?))
 }
 
 /// A bar on a terminal, nothing elsewhere.

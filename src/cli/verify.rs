@@ -1,13 +1,19 @@
 //! `verify`: recompute what was recorded.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::{policy_source, print, print_json, table};
-use crate::base::error::Result;
+use crate::agent::{AgentSettings, PolicySource};
+use crate::base::error::{Error, Result};
+use crate::environment::Task;
 use crate::failed;
+use crate::link::LinkSpec;
+use crate::nn::PolicyFile;
+use crate::supervisor::{AgentCommand, Check, Deadlines, Examination, Session, signals};
 use crate::verify::{Comparison, Report, verify};
 
 /// Recompute recordings, traces and updates, and compare
@@ -17,14 +23,21 @@ Examples:
   vamaro-swarm verify recordings/
   vamaro-swarm verify trace.json --policy runs/hs-0/policy.safetensors
   vamaro-swarm verify trace.json --json
+  vamaro-swarm verify --agent 'python3 agents/python/hold.py'
 
 The exit code is 0 only if something was compared and all of it agrees.")]
 pub struct Verify {
     /// Recordings, traces, the config.json of updates, or folders that hold some
-    #[arg(required = true, value_name = "PATH")]
+    #[arg(required_unless_present = "agent", value_name = "PATH")]
     paths: Vec<PathBuf>,
 
-    /// Policy to run traces with [default: the one beside the trace, or the one it names]
+    /// Instead, start this command as an agent, play recorded ticks to it, and say what it does wrong: see
+    /// docs/protocol.md. Quotes work as in a shell, variables do not
+    #[arg(long, value_name = "COMMAND", value_parser = AgentCommand::parse, conflicts_with = "paths")]
+    agent: Option<AgentCommand>,
+
+    /// Policy to run traces, or the agent, with [default: the one beside the trace, or the one it names; for an agent,
+    /// that of spread-xy-4]
     #[arg(long, value_name = "FILE|DIR|builtin")]
     policy: Option<String>,
 
@@ -33,10 +46,19 @@ pub struct Verify {
     json: bool,
 }
 
+/// How long an agent that is examined may take for its part of a tick.
+const ANSWER: Duration = Duration::from_secs(2);
+
+/// How many episodes are played to it: two side by side, and one alone.
+const EPISODES: u64 = 3;
+
 impl Verify {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         let policy = self.policy.as_deref().map(|name| policy_source(name, 0)).transpose();
+        if let Some(command) = self.agent {
+            return examine(command, policy?.unwrap_or(PolicySource::Builtin), self.json);
+        }
         let (report, ended) = match policy.and_then(|policy| verify(&self.paths, policy.as_ref())) {
             Ok(report) => (report, None),
             Err(error) => (Report::default(), Some(error)),
@@ -58,6 +80,61 @@ impl Verify {
         print(&text)?;
         print(&format!("all {} comparisons hold\n", verdict?))
     }
+}
+
+/// Plays ticks to an agent of another program, which holds what it heard last.
+fn examine(command: AgentCommand, policy: PolicySource, as_json: bool) -> Result<()> {
+    signals::install()?;
+    let task = match &policy {
+        PolicySource::File(path) => Task::parse(&PolicyFile::read(path)?.meta.task)?,
+        _ => Task::parse("spread-xy-4")?,
+    };
+    let links = LinkSpec::parse("level(0.5) + delay(0, 2)", task.spec().n_agents())?.build();
+    let settings = AgentSettings {
+        policy,
+        worlds: 2,
+        longest_delay: links.longest_delay(),
+        tell_logits: true,
+        ..AgentSettings::of(task.spec())
+    };
+    let loaded = settings.policy.load(task.spec())?;
+    let deadlines = Deadlines { answer: ANSWER, ..Deadlines::default() };
+    let mut examination = Examination::start(&settings, &loaded, 1, command, deadlines)?;
+    let mut session = Session::new(task.environment(settings.worlds), links, settings.seed);
+    let played =
+        if examination.can_go_on() { session.play(&mut examination, EPISODES, &mut []) } else { Ok(()) };
+    // What ended it is a finding, unless it was not the agent.
+    let other = |e: &Error| matches!(e, Error::Interrupted(_)) || examination.can_go_on();
+    let ended = played.err().filter(other);
+    let checks = ended.map_or_else(|| examination.end(), Err)?;
+    let wrong = checks.iter().filter(|check| check.fault.is_some()).count();
+    let verdict = match wrong {
+        0 => Ok(()),
+        _ => Err(failed!(
+            "the agent does {wrong} of {} things wrong; docs/protocol.md says how they are done",
+            checks.len()
+        )),
+    };
+    if as_json {
+        let each = checks
+            .iter()
+            .map(|check| json!({"what": check.what, "looked": check.looked, "fault": check.fault}));
+        print_json(
+            &json!({"checks": each.collect::<Vec<_>>(), "holds": wrong == 0, "error": verdict.as_ref().err().map(ToString::to_string)}),
+        )?;
+    } else {
+        let rows = checks.iter().map(|Check { what, looked, fault }| {
+            let verdict = fault.as_ref().map_or(if *looked > 0 { "ok" } else { "-" }, |_| "FAIL");
+            vec![
+                verdict.to_owned(),
+                (*what).to_owned(),
+                looked.to_string(),
+                fault.clone().unwrap_or_default(),
+            ]
+        });
+        print(&table(&["", "checked", "times", ""], rows))?;
+    }
+    verdict
 }
 
 /// How many comparisons hold, if all do.

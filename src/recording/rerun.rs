@@ -5,6 +5,7 @@ use std::path::Path;
 use super::{Episode, Presence, RecordingHeader};
 use crate::agent::{Agent, AgentSettings, Inbox, PREFERRED, PolicySource, Received, Registry, dims};
 use crate::base::error::Result;
+use crate::base::rng::{Draws, Purpose};
 use crate::environment::{Spec, Task};
 use crate::nn::{Meta, Policy, import};
 use crate::usage;
@@ -14,6 +15,8 @@ use crate::usage;
 pub(crate) struct Rerun {
     agents: Vec<Agent>,
     spec: Spec,
+    /// That of the draws by which actions are sampled.
+    seed: u64,
 }
 
 impl Rerun {
@@ -23,15 +26,16 @@ impl Rerun {
         let task = Task::parse(&header.task)?;
         let spec = task.spec();
         let policy = find_policy(file, header, source, spec)?;
+        let seed = header.seed.unwrap_or_default();
         let settings = AgentSettings {
             imputer: Registry::default().choose(header.imputer.as_deref(), &policy)?,
             longest_delay: header.longest_delay,
-            seed: header.seed.unwrap_or_default(),
+            seed,
             greedy: header.greedy.unwrap_or_default(),
             ..AgentSettings::of(spec)
         };
         let agents = (0..spec.n_agents()).map(|index| Agent::with_policy(&settings, &policy, index));
-        Ok(Rerun { agents: agents.collect::<Result<_>>()?, spec: spec.clone() })
+        Ok(Rerun { agents: agents.collect::<Result<_>>()?, spec: spec.clone(), seed })
     }
 
     /// What the team plays in.
@@ -79,7 +83,8 @@ impl Rerun {
                     Some(Received { age, observation: &episode.obs[step - usize::from(age)][sender] })
                 });
                 agent.fuse(0, &episode.obs[step][index], &inbox);
-                agent.act(number, step as u32, 1);
+                let mut draws = Draws::new(self.seed, Purpose::Action, number, step as u64);
+                agent.act(number, step as u32, &[draws.at(index, 0).uniform()]);
                 told(step, agent);
                 let done = episode.actions[step][index].words(1);
                 agent.correct(number, step as u32, &done).map_err(|e| e.to_string())?;

@@ -1,6 +1,7 @@
 //! The program that runs an agent.
 
 use std::ffi::OsString;
+use std::fmt;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::Command;
@@ -15,7 +16,8 @@ const SELF: &str = "/proc/self/exe";
 /// Whether this program has called [`run_if_agent`](crate::run_if_agent), so that it can run as an agent.
 static RUNS_AGENTS: AtomicBool = AtomicBool::new(false);
 
-/// The program that is run for an agent. Its last two words are `agent` and the settings, as JSON.
+/// The program that is run for an agent. Its last two words are `agent` and the settings, as JSON. One that is not this
+/// program may be in any language: `docs/protocol.md` says what it has to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AgentCommand {
     program: PathBuf,
@@ -32,6 +34,21 @@ impl AgentCommand {
     pub fn word(mut self, word: impl Into<OsString>) -> AgentCommand {
         self.words.push(word.into());
         self
+    }
+
+    /// The program and the words that a shell would make of a line, which is run without one: quotes and backslashes count,
+    /// variables and patterns do not.
+    ///
+    /// # Errors
+    /// `Usage` if a quote is not closed, or there is no word.
+    #[cfg(feature = "cli")]
+    pub fn parse(line: &str) -> Result<AgentCommand> {
+        let words = shlex::split(line).ok_or_else(|| {
+            crate::usage!("the command `{line}` has a quote or backslash that nothing follows")
+        })?;
+        let (program, words) =
+            words.split_first().ok_or_else(|| crate::usage!("the command has no words"))?;
+        Ok(words.iter().fold(AgentCommand::new(program), |command, word| command.word(word)))
     }
 
     /// This very program.
@@ -64,6 +81,13 @@ impl AgentCommand {
     }
 }
 
+impl fmt::Display for AgentCommand {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}", self.program.display())?;
+        self.words.iter().try_for_each(|word| write!(f, " {}", word.display()))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -79,6 +103,20 @@ mod tests {
         let policy = settings.policy.load(&settings.spec).unwrap();
         let error = Processes::start(&settings, &policy, Wait::Block).unwrap_err().to_string();
         assert!(error.contains("run_if_agent") && error.contains("first thing in `main`"), "{error}");
+    }
+
+    #[test]
+    #[cfg(feature = "cli")]
+    fn a_line_becomes_the_words_that_a_shell_makes_of_it() {
+        let line = "python3 'my agent.py' --name=\"two words\" $HOME";
+        let command = AgentCommand::parse(line).unwrap().command("agent", "{}");
+        assert_eq!(command.get_program(), "python3");
+        let words: Vec<_> = command.get_args().collect();
+        assert_eq!(words, ["my agent.py", "--name=two words", "$HOME", "agent", "{}"]);
+        for (line, why) in [("python3 'agent.py", "quote"), ("  ", "no words")] {
+            let error = AgentCommand::parse(line).unwrap_err().to_string();
+            assert!(error.contains(why), "{error}");
+        }
     }
 
     #[test]

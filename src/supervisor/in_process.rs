@@ -1,10 +1,11 @@
 //! A team without processes: the same agents, phase by phase, in this thread.
 
-use super::{Decisions, Event, Order, Team, Tick, check_weights};
+use super::{ActionDraws, Decisions, Event, Order, Team, Tick, check_weights};
 use crate::agent::{Agent, AgentSettings, Member, Sensed};
 use crate::base::error::Result;
 use crate::bus::{AgentPort, Header, Kind, Layout, LocalHub, LocalPort, LocalSample, PROTOCOL, Sample};
 use crate::environment::Spec;
+use crate::failed;
 use crate::nn::Policy;
 
 /// The agents of a team in this process. `P` is their port, by default the plain in-process one.
@@ -22,6 +23,7 @@ pub struct InProcess<P: AgentPort = LocalPort> {
     /// How often each agent was killed.
     incarnations: Vec<u32>,
     layout: Layout,
+    draws: ActionDraws,
     longest_delay: u8,
     /// The number of weights of the policy.
     policy_weights: usize,
@@ -61,6 +63,7 @@ impl<P: AgentPort> InProcess<P> {
             incarnations: vec![0; spec.n_agents()],
             spec,
             layout,
+            draws: ActionDraws::of(settings),
             longest_delay: settings.longest_delay,
             policy_weights: policy.n_values(),
             weights: 0,
@@ -94,6 +97,7 @@ impl<P: AgentPort> Team for InProcess<P> {
         decisions.leave_out(tick.absent);
         decisions.anew = self.anew & !tick.absent;
         self.anew &= tick.absent;
+        self.draws.draw(tick);
         for (agent, member) in there(&mut self.members, tick.absent) {
             let header = Header {
                 protocol: PROTOCOL,
@@ -102,7 +106,8 @@ impl<P: AgentPort> Team for InProcess<P> {
                 weights: self.weights,
                 ..tick.header(layout.sensor_words(worlds))
             };
-            self.hub.send_sensor(agent, LocalSample::new(header, |words| tick.write(agent, &layout, words)));
+            let write = |words: &mut [u32]| tick.write(agent, &layout, &self.draws, words);
+            self.hub.send_sensor(agent, LocalSample::new(header, write));
             let sensed = member.sense()?;
             debug_assert_eq!(sensed, Sensed::Tick);
             member.publish()?;
@@ -114,7 +119,11 @@ impl<P: AgentPort> Team for InProcess<P> {
         }
         while let Some(decision) = self.hub.receive_decision() {
             let agent = decision.header().sender as usize;
-            decisions.take(&self.spec, tick, agent, &layout.decision(decision.words(), worlds))?;
+            let decision = layout.decision(decision.words(), worlds);
+            if let Some(fault) = Decisions::fault_of(&self.spec, agent, &decision) {
+                return Err(failed!("agent-{agent} {fault}"));
+            }
+            decisions.take(agent, &decision);
         }
         there(&mut self.members, tick.absent).for_each(|(_, member)| member.predict());
         decisions.check_nobody_late(tick)

@@ -1,6 +1,6 @@
 //! Processes: started, watched, and always reaped.
 
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -8,7 +8,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::{Signal, pidfd_send_signal};
+use rustix::process::{
+    Pid, Signal, WaitId, WaitIdOptions, getpgid, kill_process_group, pidfd_send_signal, waitid,
+};
 use serde::Serialize;
 
 use super::command::AgentCommand;
@@ -21,6 +23,8 @@ use crate::failed;
 #[derive(Debug)]
 pub(crate) struct Children {
     command: AgentCommand,
+    /// For some of them others, by index.
+    others: Vec<(usize, AgentCommand)>,
     /// `None` where one was lost, until it is started anew.
     processes: Vec<Option<ChildProcess>>,
     // Declared last: they are killed when it ends.
@@ -30,7 +34,12 @@ pub(crate) struct Children {
 impl Children {
     /// None yet. They will be run by this command, and a thread will call `tell` after one has ended.
     pub(crate) fn new(command: AgentCommand, tell: impl FnMut() + Send + 'static) -> Result<Children> {
-        Ok(Children { command, processes: Vec::new(), watcher: Watcher::new(tell)? })
+        Ok(Children { command, others: Vec::new(), processes: Vec::new(), watcher: Watcher::new(tell)? })
+    }
+
+    /// Runs some of them by other commands, by index.
+    pub(super) fn with_others(self, others: Vec<(usize, AgentCommand)>) -> Children {
+        Children { others, ..self }
     }
 
     /// Starts one that does `what` with these settings. `name` is what it is called in errors.
@@ -41,7 +50,7 @@ impl Children {
         settings: &impl Serialize,
         stdio: [Stdio; 2],
     ) -> Result<()> {
-        let process = self.launch(name, what, settings, stdio)?;
+        let process = self.launch(self.processes.len(), name, what, settings, stdio)?;
         self.processes.push(Some(process));
         Ok(())
     }
@@ -55,12 +64,13 @@ impl Children {
         settings: &impl Serialize,
         stdio: [Stdio; 2],
     ) -> Result<()> {
-        self.processes[index] = Some(self.launch(name, what, settings, stdio)?);
+        self.processes[index] = Some(self.launch(index, name, what, settings, stdio)?);
         Ok(())
     }
 
     fn launch(
         &self,
+        index: usize,
         name: &str,
         what: &str,
         settings: &impl Serialize,
@@ -68,12 +78,17 @@ impl Children {
     ) -> Result<ChildProcess> {
         let json =
             serde_json::to_string(settings).expect("paths in settings are a swarm's own, which are text");
-        let mut command = self.command.command(what, &json);
+        let other = self.others.iter().find(|(other, _)| *other == index);
+        let mut command = other.map_or(&self.command, |(_, command)| command).command(what, &json);
         // A group of its own: Ctrl-C reaches the supervisor alone, which takes its processes down in order.
         command.process_group(0);
         command.stdin(stdin).stdout(stdout).stderr(Stdio::piped());
-        let (mut child, pidfd) =
-            self.watcher.start(command).map_err(|e| failed!("cannot start {name}: {e}"))?;
+        let (mut child, pidfd) = self.watcher.start(command).map_err(|e| {
+            failed!(
+                "cannot start {name}{}: {e}",
+                other.map_or(String::new(), |(_, command)| format!(" ({command})"))
+            )
+        })?;
         let stderr = child.stderr.take().expect("stderr is piped");
         let stderr = OwnStderr::new(stderr, pidfd.clone());
         let name = name.to_owned();
@@ -95,6 +110,15 @@ impl Children {
     /// Their process ids.
     pub(crate) fn ids(&self) -> impl Iterator<Item = u32> + '_ {
         self.processes.iter().flatten().map(|process| process.child.id())
+    }
+
+    /// Which of them a process belongs to: it is that one, or was started by it and has stayed in its group.
+    pub(super) fn whose(&self, process: Pid) -> Option<usize> {
+        let group = getpgid(Some(process)).ok()?;
+        let leads = |slot: &Option<ChildProcess>| {
+            slot.as_ref().is_some_and(|process| Pid::from_child(&process.child) == group)
+        };
+        self.processes.iter().position(leads)
     }
 
     /// An error if one has ended, with what it said last. As long as none has, this is a look at memory.
@@ -135,6 +159,17 @@ impl Children {
         }
     }
 
+    /// Waits for the first to end by itself. Its exit code, -1 if it was killed; `None` if it is still there after `longest`.
+    pub(super) fn await_exit(&mut self, longest: Duration) -> Result<Option<i32>> {
+        let Some(process) = self.processes.first_mut().and_then(Option::as_mut) else { return Ok(None) };
+        if !process.await_end(Instant::now() + longest) {
+            return Ok(None);
+        }
+        process.end_group();
+        let status = process.child.wait().map_err(|e| failed!("cannot watch {}: {e}", process.name))?;
+        Ok(Some(status.code().unwrap_or(-1)))
+    }
+
     /// Lets processes that were told to leave do so within `longest`, and ends those that do not.
     pub(crate) fn reap(&mut self, longest: Duration) {
         let deadline = Instant::now() + longest;
@@ -161,8 +196,20 @@ struct ChildProcess {
 impl ChildProcess {
     /// How it ended, and what it said last, if it has ended.
     fn ended(&mut self) -> Result<Option<String>> {
-        let status = self.child.try_wait().map_err(|e| failed!("cannot watch {}: {e}", self.name))?;
-        Ok(status.map(|status| self.words_of_end(status)))
+        let ended = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        let ended = waitid(WaitId::PidFd(self.pidfd.as_fd()), ended);
+        if ended.map_err(|e| failed!("cannot watch {}: {e}", self.name))?.is_none() {
+            return Ok(None);
+        }
+        self.end_group();
+        let status = self.child.wait().map_err(|e| failed!("cannot watch {}: {e}", self.name))?;
+        Ok(Some(self.words_of_end(status)))
+    }
+
+    /// Ends all that it has started and that has stayed in its group. It must not have been reaped: until then nobody
+    /// else gets its number.
+    fn end_group(&self) {
+        let _ = kill_process_group(Pid::from_child(&self.child), Signal::KILL);
     }
 
     /// Waits for the process to end, until `deadline`. Returns whether it has.
@@ -193,13 +240,16 @@ impl ChildProcess {
 
 impl Drop for ChildProcess {
     fn drop(&mut self) {
-        // By pidfd, since a number may be somebody else's by now. Harmless for a process that has been reaped.
-        let _ = pidfd_send_signal(&self.pidfd, Signal::KILL);
-        // One that sleeps in the kernel, where no signal reaches it, dies when it wakes. Nobody waits for that.
-        if !self.await_end(Instant::now() + LONGEST_DEATH) {
-            return;
+        if let Ok(None) = self.ended() {
+            // It leads its group unless it has left it. By pidfd, since a number may be somebody else's.
+            let _ = pidfd_send_signal(&self.pidfd, Signal::KILL);
+            self.end_group();
+            // One that sleeps in the kernel, where no signal reaches it, dies when it wakes. Nobody waits for that.
+            if !self.await_end(Instant::now() + LONGEST_DEATH) {
+                return;
+            }
+            let _ = self.child.wait();
         }
-        let _ = self.child.wait();
         if let Some(thread) = self.stderr.take() {
             let _ = thread.join();
         }

@@ -3,6 +3,7 @@
 //! [`Session`] plays episodes with a [`Team`], in lockstep or by the clock: agents that run as processes of their own
 //! ([`Processes`]) or within this one ([`InProcess`]). [`Observer`]s look on.
 
+mod answers;
 mod arrivals;
 mod audit;
 mod chaos;
@@ -10,6 +11,8 @@ mod chaos_spec;
 mod clock;
 mod command;
 mod deadlines;
+mod draws;
+mod examination;
 mod in_process;
 mod launch;
 mod ledger;
@@ -22,6 +25,7 @@ mod recovery;
 mod roster;
 mod session;
 pub mod signals;
+mod speakers;
 mod stage;
 mod statistics;
 mod stderr;
@@ -33,6 +37,7 @@ pub(crate) use chaos_spec::parse_duration;
 pub use chaos_spec::{ChaosSpec, Injection};
 pub use command::AgentCommand;
 pub use deadlines::Deadlines;
+pub use examination::{Check, Examination};
 pub use in_process::InProcess;
 pub(crate) use launch::Children;
 pub use ledger::Ledger;
@@ -47,6 +52,7 @@ pub use session::Session;
 pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
 
+use self::draws::ActionDraws;
 use self::roster::members_of;
 use crate::base::error::Result;
 use crate::bus::{Decision, DecisionTimes, Header, Layout, NOT_ARRIVED, Sensor, now_ns};
@@ -179,13 +185,14 @@ impl Tick<'_> {
         }
     }
 
-    /// Writes the sensor message of one agent: its own observations and what arrives at it, nobody else's.
-    fn write(&self, agent: usize, layout: &Layout, words: &mut [u32]) {
+    /// Writes the sensor message of one agent: its own observations, draws, and what arrives at it, nobody else's.
+    fn write(&self, agent: usize, layout: &Layout, draws: &ActionDraws, words: &mut [u32]) {
         let mine = agent * self.worlds..(agent + 1) * self.worlds;
         let observations = &self.observations[mine.start * layout.observation..mine.end * layout.observation];
         let ages = &self.ages[mine.start * layout.agents..mine.end * layout.agents];
         let carried_out = &self.carried_out[mine.start * layout.action..mine.end * layout.action];
-        layout.write_sensor(words, &Sensor { carried_out, ages, observations });
+        let draws = &draws.all()[mine];
+        layout.write_sensor(words, &Sensor { carried_out, ages, draws, observations });
     }
 }
 
@@ -222,24 +229,26 @@ impl Decisions {
         (0..agents).filter(move |agent| missing >> agent & 1 == 0)
     }
 
-    /// Takes in one agent's decision for all worlds of a tick.
-    fn take(&mut self, spec: &Spec, tick: &Tick, agent: usize, decision: &Decision) -> Result<()> {
-        let (first, space) = (agent * tick.worlds, &spec.agents[agent].actions);
-        let width = decision.actions.len() / tick.worlds;
-        for (world, action) in decision.actions.chunks_exact(width).enumerate() {
-            if !space.contains(action) {
-                return Err(failed!(
-                    "agent-{agent} chose an action it does not have: {action:?} of {space:?}"
-                ));
-            }
-            self.actions[(first + world) * width..][..width].copy_from_slice(action);
+    /// What is wrong with a decision, if it is none that this agent can make.
+    fn fault_of(spec: &Spec, agent: usize, decision: &Decision) -> Option<String> {
+        let space = &spec.agents[agent].actions;
+        let mut actions = decision.actions.chunks_exact(spec.action_width());
+        if let Some(action) = actions.find(|action| !space.contains(action)) {
+            return Some(format!("chose an action it does not have: {action:?} of {space:?}"));
         }
-        let (ages, estimates, logits) = (decision.ages, decision.estimates, decision.logits);
+        let numbers = all_finite(decision.estimates) && all_finite(decision.logits);
+        (!numbers).then(|| "decided on a joint estimate or logits that are not numbers".to_owned())
+    }
+
+    /// Takes in one agent's decision for all worlds of a tick.
+    fn take(&mut self, agent: usize, decision: &Decision) {
+        let (actions, ages) = (decision.actions, decision.ages);
+        let (estimates, logits) = (decision.estimates, decision.logits);
+        self.actions[agent * actions.len()..][..actions.len()].copy_from_slice(actions);
         self.estimates[agent * estimates.len()..][..estimates.len()].copy_from_slice(estimates);
         self.ages[agent * ages.len()..][..ages.len()].copy_from_slice(ages);
         self.logits[agent * logits.len()..][..logits.len()].copy_from_slice(logits);
         self.times[agent].decision = decision.times;
-        Ok(())
     }
 
     /// An error if a decision of this tick does not rest on all that the links delivered of those who are there.

@@ -16,14 +16,15 @@ use crate::nn::Policy;
 
 /// Puts weights into a file of the swarm's own, so that all agents map one copy of just these: those that are in
 /// this process only, and those of a file that may have been replaced since it was opened, as a run in training
-/// does. Those in the program itself are where they have to be.
+/// does. Those in the program itself are where they have to be, unless other programs are to read them too.
 pub(super) fn share_weights(
     settings: &AgentSettings,
     policy: &Policy,
     directory: &SwarmDirectory,
+    for_others: bool,
 ) -> Result<AgentSettings> {
     let mut settings = settings.clone();
-    if settings.policy != PolicySource::Builtin || !policy.is_shared() {
+    if for_others || settings.policy != PolicySource::Builtin || !policy.is_shared() {
         let path = directory.path().join("policy.safetensors");
         policy.save(&path)?;
         std::fs::set_permissions(&path, Permissions::from_mode(0o600))

@@ -11,28 +11,33 @@ use super::deadlines::Deadlines;
 use super::launch::Children;
 use super::needs::{allow_open_files, check_tasks, reserve_shared_memory, share_weights};
 use super::roster::{Roster, members_of};
-use super::{Decisions, Faults, OnFailure, Order, Punctuality, Team, Tick, check_weights, signals};
+use super::speakers::Speakers;
+use super::{
+    ActionDraws, Decisions, Faults, OnFailure, Order, Punctuality, Team, Tick, check_weights, signals,
+};
 use crate::agent::process::ProcessSettings;
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::{Error, Result};
 use crate::base::scheduling::{Granted, Grants, Scheduling, allowed_cores};
 use crate::bus::{
-    Header, Kind, Layout, PROTOCOL, Sample, SharedSample, SupervisorPort, SwarmAddress, SwarmDirectory, Wait,
-    now_ns, wait_for_moment, wait_until, wake_on_time, wake_supervisor,
+    Header, Kind, Layout, PROTOCOL, SupervisorPort, SwarmAddress, SwarmDirectory, Wait, now_ns,
+    wait_for_moment, wait_until, wake_on_time, wake_supervisor,
 };
 use crate::environment::Spec;
-use crate::failed;
 use crate::nn::Policy;
+use crate::{failed, usage};
 
 /// A running swarm. Dropping it ends the agents and leaves nothing behind.
 #[derive(Debug)]
 pub struct Processes {
-    spec: Spec,
+    pub(super) spec: Spec,
     pub(super) agents: Children,
-    port: SupervisorPort,
+    pub(super) port: SupervisorPort,
     /// Which swarm it is, and which weights are in force.
-    identity: Header,
-    layout: Layout,
+    pub(super) identity: Header,
+    pub(super) layout: Layout,
+    draws: ActionDraws,
+    pub(super) speakers: Speakers,
     longest_delay: u8,
     /// The number of weights of the policy.
     policy_weights: usize,
@@ -49,7 +54,7 @@ pub struct Processes {
     /// Agents that have done what the current phase waits for, bit by bit.
     pub(super) answered: u64,
     /// What each agent was granted, by its own word.
-    granted: Vec<Granted>,
+    pub(super) granted: Vec<Granted>,
     grants: Option<Grants>,
     // Declared last: all else in it goes first.
     directory: SwarmDirectory,
@@ -73,6 +78,8 @@ pub struct Conduct {
     /// The program to run for an agent; `None` for this very program, which must have called
     /// [`run_if_agent`](crate::run_if_agent).
     pub command: Option<AgentCommand>,
+    /// Other programs to run for some agents, by index: in any language, as `docs/protocol.md` says.
+    pub others: Vec<(usize, AgentCommand)>,
 }
 
 impl From<Wait> for Conduct {
@@ -98,7 +105,9 @@ impl Processes {
         if trains {
             conduct.on_failure = OnFailure::Abort;
         }
-        let settings = share_weights(settings, policy, &directory)?;
+        let others = std::mem::take(&mut conduct.others);
+        check_others(&others, team)?;
+        let settings = share_weights(settings, policy, &directory, !others.is_empty())?;
         let address = SwarmAddress {
             tag: directory.tag().to_owned(),
             agents: team,
@@ -112,13 +121,16 @@ impl Processes {
         check_tasks(team)?;
         let mut swarm = Processes {
             spec,
-            agents: Children::new(command, waker(&address))?,
+            agents: Children::new(command, waker(&address))?.with_others(others),
             port: SupervisorPort::create(&address, &layout)?,
             identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
             layout,
+            draws: ActionDraws::of(&settings),
+            speakers: Speakers::new(team),
             longest_delay: settings.longest_delay,
             policy_weights: policy.n_values(),
-            roster: Roster::new(team, conduct.on_failure),
+            // Until all are ready, nobody may be lost.
+            roster: Roster::new(team, OnFailure::Abort),
             tick: 0,
             clock: conduct.rate.map(|rate| Clock::new(rate, team)),
             conduct,
@@ -142,6 +154,7 @@ impl Processes {
             let names = members_of(silent).map(name_of).collect();
             return Err(Error::Lost { names, how: format!("did not get ready within {ready:?}") });
         }
+        swarm.roster.set_on_failure(swarm.conduct.on_failure);
         swarm.directory.take_pages()?;
         if swarm.clock.is_some() {
             wake_on_time();
@@ -164,6 +177,7 @@ impl Processes {
             scheduling: self.conduct.scheduling,
             supervisor: std::process::id() as i32,
             settings: self.settings.clone(),
+            wire: self.address.wire(&self.layout),
         }
     }
 
@@ -252,7 +266,8 @@ impl Processes {
         for agent in members_of(self.roster.present()) {
             let header = Header { deadline_ns, absent, incarnation: again.into(), ..tick.header(words) };
             let header = self.header(Kind::Sensor, agent, header);
-            self.port.send_sensor(agent, header, |words| tick.write(agent, &self.layout, words))?;
+            let write = |words: &mut [u32]| tick.write(agent, &self.layout, &self.draws, words);
+            self.port.send_sensor(agent, header, write)?;
         }
         self.wake_agents()
     }
@@ -302,78 +317,6 @@ impl Processes {
     pub(super) fn everybody(&self) -> u64 {
         u64::MAX >> (u64::BITS - self.agents.len() as u32)
     }
-
-    pub(super) fn take_ready(&mut self) -> Result<()> {
-        while let Some(sample) = self.port.receive_decision()? {
-            self.note_ready(&sample);
-        }
-        Ok(())
-    }
-
-    /// Notes that an agent is ready, if the message says so.
-    fn note_ready(&mut self, sample: &SharedSample) {
-        if let Some(agent) = self.mark(sample, Kind::Ready, 0, 1, true) {
-            self.granted[agent] = Granted::from_bits(sample.words()[0]);
-            self.roster.ready(agent);
-        }
-    }
-
-    fn take_observations(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
-        let words = self.layout.observation_words(tick.worlds);
-        while let Some(sample) = self.port.receive_observation()? {
-            if let Some(agent) = self.mark(&sample, Kind::Observation, tick.tick, words, true) {
-                decisions.times[agent].published_ns = sample.header().sent_ns;
-                let own = &tick.observations[agent * words..][..words];
-                if sample.words() != bytemuck::cast_slice::<f32, u32>(own) {
-                    return Err(failed!(
-                        "agent-{agent} published something else than its sensor gave it, at tick {}; nothing that was \
-                         played from there on can be trusted",
-                        tick.tick
-                    ));
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Takes the decisions that are in, but for those sent after the end, nanoseconds of the monotonic clock.
-    fn take_decisions(&mut self, tick: &Tick, decisions: &mut Decisions, ends_ns: u64) -> Result<()> {
-        let words = self.layout.decision_words(tick.worlds);
-        while let Some(sample) = self.port.receive_decision()? {
-            let in_time = sample.header().sent_ns <= ends_ns;
-            match self.mark(&sample, Kind::Decision, tick.tick, words, in_time) {
-                Some(agent) => {
-                    let decision = self.layout.decision(sample.words(), tick.worlds);
-                    decisions.times[agent].decided_ns = sample.header().sent_ns;
-                    decisions.take(&self.spec, tick, agent, &decision)?;
-                }
-                None => self.note_ready(&sample),
-            }
-        }
-        Ok(())
-    }
-
-    /// Notes that an agent has answered, if the message is the one expected of it and `in_time`.
-    fn mark(
-        &mut self,
-        sample: &SharedSample,
-        kind: Kind,
-        tick: u64,
-        words: usize,
-        in_time: bool,
-    ) -> Option<usize> {
-        let (header, agent) = (sample.header(), sample.header().sender as usize);
-        let expected = in_time
-            && header.fits(kind, self.identity.swarm, words)
-            && sample.words().len() == words
-            && header.tick == tick
-            && agent < self.agents.len()
-            && header.incarnation == self.roster.incarnation(agent);
-        expected.then(|| {
-            self.answered |= 1 << agent;
-            agent
-        })
-    }
 }
 
 impl Team for Processes {
@@ -389,6 +332,7 @@ impl Team for Processes {
     fn tick(&mut self, tick: &Tick, decisions: &mut Decisions) -> Result<()> {
         decisions.resize(self.agents.len(), tick.worlds, &self.layout);
         self.tick = tick.tick;
+        self.draws.draw(tick);
         match self.clock.as_mut().map(Clock::begin_period) {
             None => self.tick_in_lockstep(tick, decisions),
             Some(period) => self.tick_in_real_time(tick, decisions, period),
@@ -429,8 +373,24 @@ impl Drop for Processes {
     }
 }
 
+/// An error unless these are commands for agents of such a team, one each.
+fn check_others(others: &[(usize, AgentCommand)], team: usize) -> Result<()> {
+    for (at, (agent, _)) in others.iter().enumerate() {
+        if *agent >= team {
+            return Err(usage!(
+                "there is no agent {agent} to start otherwise: this team has agents 0 to {}",
+                team - 1
+            ));
+        }
+        if others[..at].iter().any(|(other, _)| other == agent) {
+            return Err(usage!("two commands to start agent {agent} by; give one"));
+        }
+    }
+    Ok(())
+}
+
 /// What wakes the supervisor of a swarm when one of its agents has ended. A wake-up that fails is one that is late.
-fn waker(address: &SwarmAddress) -> impl FnMut() + Send + 'static {
+pub(super) fn waker(address: &SwarmAddress) -> impl FnMut() + Send + 'static {
     let address = address.clone();
     move || drop(wake_supervisor(&address))
 }

@@ -12,14 +12,12 @@ use super::{Event, Loss, Order, Processes, Tick};
 use crate::base::error::{Error, Result};
 
 impl Processes {
-    /// Loses the agents whose processes have ended. Returns whether there are any.
-    pub(super) fn lose_dead(&mut self) -> Result<bool> {
-        let dead = self.agents.take_dead()?;
-        let any = !dead.is_empty();
-        for (agent, _, how) in dead {
+    /// Loses the agents whose processes have ended.
+    pub(super) fn lose_dead(&mut self) -> Result<()> {
+        for (agent, _, how) in self.agents.take_dead()? {
             self.lose(agent, Loss::Died(how))?;
         }
-        Ok(any)
+        Ok(())
     }
 
     /// Loses the agents that have not decided for longer than the deadline, against the clock.
@@ -37,8 +35,9 @@ impl Processes {
     }
 
     /// Loses an agent: ends its process, if there is one still, and notes what happened.
-    fn lose(&mut self, agent: usize, loss: Loss) -> Result<()> {
+    pub(super) fn lose(&mut self, agent: usize, loss: Loss) -> Result<()> {
         self.agents.end(agent);
+        self.speakers.forget(agent);
         let given_up = self.roster.lose(agent, self.tick, &loss);
         if self.roster.aborts() || given_up {
             return Err(Error::Lost { names: vec![name_of(agent)], how: loss.to_string() });
@@ -49,6 +48,7 @@ impl Processes {
     /// Starts an agent anew. In lockstep it is ready afterwards, or due again.
     fn start_anew(&mut self, agent: usize) -> Result<()> {
         self.roster.start(agent);
+        self.speakers.forget(agent);
         let settings = self.process_settings(agent);
         let nothing = [Stdio::null(), Stdio::null()];
         self.agents.start_anew(agent, &name_of(agent), "agent", &settings, nothing)
@@ -80,11 +80,10 @@ impl Processes {
         mut take: impl FnMut(&mut Processes) -> Result<()>,
     ) -> Result<()> {
         let silent = self.await_answers(began + longest, |swarm| {
+            let absent = swarm.roster.absent();
             take(swarm)?;
-            if swarm.lose_dead()? {
-                swarm.send_sensors(tick, 0, true)?;
-            }
-            Ok(())
+            swarm.lose_dead()?;
+            if swarm.roster.absent() == absent { Ok(()) } else { swarm.send_sensors(tick, 0, true) }
         })?;
         if silent == 0 {
             return Ok(());

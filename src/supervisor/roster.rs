@@ -24,7 +24,7 @@ pub enum OnFailure {
 pub(super) enum Loss {
     /// Its process has ended; how, and what it said last.
     Died(String),
-    /// It did not do its part in time, so it was killed.
+    /// It did not do its part in time, or did something else, so it was killed.
     Hung(String),
 }
 
@@ -33,7 +33,7 @@ pub(super) enum Loss {
 pub struct Faults {
     /// Agents whose process ended.
     pub deaths: u64,
-    /// Agents that did not answer, and were killed.
+    /// Agents that did not answer, or not with what an answer can be, and were killed.
     pub hangs: u64,
     /// Agents that were started anew and got ready, those that were killed on purpose too.
     pub restarts: u64,
@@ -96,6 +96,11 @@ impl Faults {
 }
 
 impl Roster {
+    /// What to do from now on when an agent is lost.
+    pub(super) fn set_on_failure(&mut self, on_failure: OnFailure) {
+        self.on_failure = on_failure;
+    }
+
     /// Everybody is there, for the first time.
     pub(super) fn new(agents: usize, on_failure: OnFailure) -> Roster {
         let entry = || Entry {

@@ -115,7 +115,7 @@ fn estimate_at_step_3(imputer: &str, ages: [Option<u8>; 4]) -> Vec<f32> {
             (sender == 1).then_some(Received { age, observation })
         });
         agent.fuse(0, &[0.5; 8], &inbox);
-        agent.act(0, step as u32, 1);
+        agent.act(0, step as u32, &[0.5]);
         agent.predict();
     }
     agent.estimates().to_vec()

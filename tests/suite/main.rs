@@ -15,6 +15,7 @@ mod documents;
 mod dynamics;
 mod early_ends;
 mod evaluate;
+mod foreign;
 mod help;
 mod imputers;
 mod lost_is_lost;

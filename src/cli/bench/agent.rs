@@ -156,6 +156,7 @@ impl Measured {
         let observation: Vec<f32> = numbers(task.spec().padded_obs_dim());
         let received = Some(Received { age: 0, observation: &observation });
         agent.begin_episode(worlds);
+        let draws = vec![0.5; worlds];
         let mut step = 0;
         repeat(longest, |counts| {
             step += 1;
@@ -164,7 +165,7 @@ impl Measured {
                 agent.fuse(world, &observation, &Inbox::of(task.spec().n_agents(), |_| received));
             }
             let fused = now_ns();
-            agent.act(0, step, worlds);
+            agent.act(0, step, &draws);
             let acted = now_ns();
             agent.predict();
             if counts {

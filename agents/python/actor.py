@@ -1,0 +1,83 @@
+"""Actors that turn joint estimates into logits: that of the swarm's policy by numpy, or any ONNX file by onnxruntime."""
+
+import json
+
+import numpy as np
+
+
+class PolicyActor:
+    """The actor of one agent in a policy file (docs/policy-file.md): a layer is x @ weight + bias."""
+
+    def __init__(self, path, agent, agents):
+        with open(path, "rb") as file:
+            about = json.loads(file.read(int.from_bytes(file.read(8), "little")))
+            values = file.read()
+        kind = about.pop("__metadata__")
+        shared = kind["sharing"] == "shared"
+        prefix = "actors.shared." if shared else f"actors.{agent}."
+        self.tensors = {
+            name.removeprefix(prefix): np.frombuffer(values[slice(*tensor["data_offsets"])], np.float32).reshape(tensor["shape"])
+            for name, tensor in about.items()
+            if name.startswith(prefix)
+        }
+        self.identity = np.eye(agents, dtype=np.float32)[agent] if shared else None
+
+    def begin(self, worlds):
+        """An episode starts in each of so many worlds."""
+        self.state = np.zeros((worlds, len(self.tensors["out.weight"])), np.float32)
+
+    def logits(self, estimates):
+        if self.identity is not None:
+            estimates = np.hstack([estimates, np.tile(self.identity, (len(estimates), 1))])
+        x = np.maximum(self._layer("fc1", estimates), 0)
+        x = np.maximum(self._layer("fc2", x), 0) if "fc2.weight" in self.tensors else self._gru(x)
+        return self._layer("out", x)
+
+    def _layer(self, name, x):
+        return x @ self.tensors[f"{name}.weight"] + self.tensors[f"{name}.bias"]
+
+    def _gru(self, x):
+        gates = [x @ self.tensors["gru.weight_ih"] + self.tensors["gru.bias_ih"]]
+        gates += [self.state @ self.tensors["gru.weight_hh"] + self.tensors["gru.bias_hh"]]
+        (r, z, n), (r_h, z_h, n_h) = (np.split(gate, 3, axis=1) for gate in gates)
+        r, z = sigmoid(r + r_h), sigmoid(z + z_h)
+        self.state = (1 - z) * np.tanh(n + r * n_h) + z * self.state
+        return self.state
+
+
+class OnnxActor:
+    """An ONNX file: the first input is the joint estimates and the first output the logits; the others are states, the n-th
+    out of the n-th in, which start at zero."""
+
+    def __init__(self, path):
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        self.session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        self.inputs = self.session.get_inputs()
+
+    def begin(self, worlds):
+        self.states = [np.zeros([worlds, *state.shape[1:]], np.float32) for state in self.inputs[1:]]
+
+    def logits(self, estimates):
+        names = [tensor.name for tensor in self.inputs]
+        logits, *self.states = self.session.run(None, dict(zip(names, [estimates, *self.states])))
+        return logits
+
+
+def choose(logits, draw, greedy):
+    """The most probable action, or the one into whose share of [0, 1) the draw falls."""
+    if greedy:
+        return int(np.argmax(logits))
+    weights = np.exp(logits.astype(np.float64) - float(logits.max()))
+    left = draw * sum(weights.tolist())
+    for action, weight in enumerate(weights.tolist()):
+        left -= weight
+        if left < 0:
+            return action
+    return int(np.argmax(logits))
+
+
+def sigmoid(x):
+    return 1 / (1 + np.exp(-x))
