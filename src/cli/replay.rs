@@ -14,6 +14,7 @@ use crate::view::film::{Film, Moment, gif, page, svg};
 /// Play recorded episodes in a browser, or draw them as a film or a frame
 #[derive(Debug, Args)]
 #[command(
+    override_usage = "vamaro-swarm replay [OPTIONS] <TRACE>...",
     group(ArgGroup::new("picture").args(["html", "svg", "gif"]).required(true).multiple(true)),
     after_help = "\
 Examples:

@@ -85,6 +85,15 @@ fn what_cannot_be_seen_is_said() {
     std::fs::write(traces.at("nonsense.json"), nonsense.to_string()).unwrap();
     fail(&format!("replay {} --html {page}", traces.at("nonsense.json")), 2, &["another length"]);
     assert!(!Path::new(&page).exists());
+    // What is far away is drawn, and what is nowhere is refused.
+    let mut far = traces.json("one.json");
+    far["episodes"][0]["agent_pos"][5][0][0] = Value::from(9e8);
+    std::fs::write(traces.at("far.json"), far.to_string()).unwrap();
+    succeed(&format!("replay {} --svg {}", traces.at("far.json"), traces.at("far.svg")));
+    assert!(traces.read("far.svg").matches("<polyline").count() < 200);
+    far["episodes"][0]["agent_pos"][5][0][0] = Value::from(1e300);
+    std::fs::write(traces.at("far.json"), far.to_string()).unwrap();
+    fail(&format!("replay {} --html {page}", traces.at("far.json")), 2, &["up to 1e9 m"]);
 }
 
 /// A browser that can be driven, if there is one.

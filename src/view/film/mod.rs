@@ -20,6 +20,9 @@ use crate::environment::{Spec, Task};
 use crate::recording::{Episode, Presence, RecordingHeader};
 use crate::usage;
 
+/// How far from the origin anything may be, m: as far as what agents can observe.
+const FARTHEST: f64 = 1e9;
+
 /// What there is to see in a recording.
 #[derive(Debug)]
 pub(crate) struct Film {
@@ -94,6 +97,13 @@ impl Film {
         if !episode.agent_pos.iter().all(|places| places.len() == self.spec.n_agents()) {
             return Err(usage!(
                 "episode {number} of {} tells no places of its agents: there is nothing to see",
+                self.name
+            ));
+        }
+        let places = episode.agent_pos.iter().flatten().chain(&episode.landmark_pos);
+        if let Some(place) = places.copied().find(|place| !(place.abs().max_element() <= FARTHEST)) {
+            return Err(usage!(
+                "episode {number} of {} has something at {place}: places must be numbers up to {FARTHEST:e} m",
                 self.name
             ));
         }

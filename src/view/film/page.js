@@ -99,11 +99,14 @@ function drawStage(film, episode, canvas) {
     pen.fillText(text, x, y);
   };
 
-  for (let line = Math.ceil((view.x - view.half) * 2) / 2; line < view.x + view.half; line += 0.5) {
+  // Few lines, however far all goes.
+  let apart = 0.5;
+  while (view.half / apart > 12) apart *= 2;
+  for (let line = Math.ceil((view.x - view.half) / apart) * apart; line < view.x + view.half; line += apart) {
     const [x] = screen([line, 0]);
     stroke([[x, 0], [x, height]], style("--line"), line ? 0.5 : 1);
   }
-  for (let line = Math.ceil((view.y - view.half) * 2) / 2; line < view.y + view.half; line += 0.5) {
+  for (let line = Math.ceil((view.y - view.half) / apart) * apart; line < view.y + view.half; line += apart) {
     const [, y] = screen([0, line]);
     stroke([[0, y], [width, y]], style("--line"), line ? 0.5 : 1);
   }

@@ -164,11 +164,12 @@ impl Moment<'_> {
         let (left, right) = (corner.x, corner.x + SIDE);
         let frame = [(left, corner.y), (right, corner.y), (right, corner.y + SIDE), (left, corner.y + SIDE)];
         let frame = frame.map(DVec2::from);
+        let half = SIDE / 2.0 / view.scale;
+        let apart = grid(half);
         for lines in 0..2 {
-            let half = SIDE / 2.0 / view.scale;
             let (low, high) = (view.centre[lines] - half, view.centre[lines] + half);
-            for at in (2.0 * low).ceil() as i64..=(2.0 * high).floor() as i64 {
-                let through = view.point(DVec2::splat(at as f64 / 2.0))[lines];
+            for at in (low / apart).ceil() as i64..=(high / apart).floor() as i64 {
+                let through = view.point(DVec2::splat(at as f64 * apart))[lines];
                 let mut ends = [corner, corner + SIDE];
                 ends.iter_mut().for_each(|end| end[lines] = through);
                 pen.line(&ends, Stroke { width: if at == 0 { 1.0 } else { 0.5 }, ..solid(Ink::Grid) });
@@ -265,6 +266,15 @@ impl Take {
         let part = time.min(last as f64) - step as f64;
         self.positions[step][agent].lerp(self.positions[(step + 1).min(last)][agent], part)
     }
+}
+
+/// How far apart the lines of a grid are that reaches so far from its middle, m: half a metre, or as many as keep them few.
+fn grid(half: f64) -> f64 {
+    let mut apart = 0.5;
+    while half / apart > 12.0 {
+        apart *= 2.0;
+    }
+    apart
 }
 
 fn solid(ink: Ink) -> Stroke {
