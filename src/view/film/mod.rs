@@ -101,7 +101,9 @@ impl Film {
             ));
         }
         let places = episode.agent_pos.iter().flatten().chain(&episode.landmark_pos);
-        if let Some(place) = places.copied().find(|place| !(place.abs().max_element() <= FARTHEST)) {
+        if let Some(place) =
+            places.copied().find(|place| !place.is_finite() || place.abs().max_element() > FARTHEST)
+        {
             return Err(usage!(
                 "episode {number} of {} has something at {place}: places must be numbers up to {FARTHEST:e} m",
                 self.name
