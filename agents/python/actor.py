@@ -6,7 +6,7 @@ import numpy as np
 
 
 class PolicyActor:
-    """The actor of one agent in a policy file (docs/policy-file.md): a layer is x @ weight + bias."""
+    """The actor of one agent in a policy file (docs/policy-file.md), in f64: a layer is x @ weight + bias."""
 
     def __init__(self, path, agent, agents):
         with open(path, "rb") as file:
@@ -16,17 +16,16 @@ class PolicyActor:
         shared = kind["sharing"] == "shared"
         prefix = "actors.shared." if shared else f"actors.{agent}."
         self.tensors = {
-            name.removeprefix(prefix): np.frombuffer(values[slice(*tensor["data_offsets"])], np.float32).reshape(tensor["shape"])
-            for name, tensor in about.items()
-            if name.startswith(prefix)
+            name.removeprefix(prefix): read(values, tensor) for name, tensor in about.items() if name.startswith(prefix)
         }
-        self.identity = np.eye(agents, dtype=np.float32)[agent] if shared else None
+        # A shared actor sees behind the estimate whose it is.
+        self.identity = np.eye(agents)[agent] if shared else None
 
     def begin(self, worlds):
         """An episode starts in each of so many worlds."""
-        self.state = np.zeros((worlds, len(self.tensors["out.weight"])), np.float32)
+        self.state = np.zeros((worlds, len(self.tensors["out.weight"])))
 
-    def logits(self, estimates):
+    def logits(self, estimates, _own):
         if self.identity is not None:
             estimates = np.hstack([estimates, np.tile(self.identity, (len(estimates), 1))])
         x = np.maximum(self._layer("fc1", estimates), 0)
@@ -46,8 +45,8 @@ class PolicyActor:
 
 
 class OnnxActor:
-    """An ONNX file: the first input is the joint estimates and the first output the logits; the others are states, the n-th
-    out of the n-th in, which start at zero."""
+    """An ONNX file, with a row for each world. The first input is the joint estimates, or the own observations if it is as
+    wide as these, and the first output the logits. The others are states, the n-th out of the n-th in: zero at first."""
 
     def __init__(self, path):
         import onnxruntime
@@ -60,9 +59,10 @@ class OnnxActor:
     def begin(self, worlds):
         self.states = [np.zeros([worlds, *state.shape[1:]], np.float32) for state in self.inputs[1:]]
 
-    def logits(self, estimates):
+    def logits(self, estimates, own):
+        seen = own if self.inputs[0].shape[1] == own.shape[1] else estimates
         names = [tensor.name for tensor in self.inputs]
-        logits, *self.states = self.session.run(None, dict(zip(names, [estimates, *self.states])))
+        logits, *self.states = self.session.run(None, dict(zip(names, [seen, *self.states])))
         return logits
 
 
@@ -77,6 +77,12 @@ def choose(logits, draw, greedy):
         if left < 0:
             return action
     return int(np.argmax(logits))
+
+
+def read(values, tensor):
+    kind = {"F32": np.float32, "F16": np.float16}[tensor["dtype"]]
+    stored = np.frombuffer(values[slice(*tensor["data_offsets"])], kind)
+    return stored.reshape(tensor["shape"]).astype(np.float64)
 
 
 def sigmoid(x):

@@ -21,8 +21,8 @@ def main():
     available = settings["spec"]["agents"][me]["actions"]["discrete"]
     if settings["imputer"] != "hold":
         sys.exit(f"error: this agent holds what it heard last, and was asked for `{settings['imputer']}`; use --imputer hold")
-    onnx = next((word for word in sys.argv[1:-2] if word.endswith(".onnx")), None)
-    actor = OnnxActor(onnx) if onnx else PolicyActor(settings["policy"]["copy"], me, agents)
+    onnx = sys.argv[1:-2]
+    actor = OnnxActor(onnx[0]) if onnx else PolicyActor(settings["policy"]["copy"], me, agents)
     episode, carried = None, None
 
     port.report_ready()
@@ -47,7 +47,7 @@ def main():
         estimates = np.hstack([carried.reshape(worlds, -1), sensor.observations[:, unique:]])
         fused_ns = time.monotonic_ns()
 
-        logits = np.ascontiguousarray(actor.logits(estimates), np.float32)
+        logits = np.ascontiguousarray(actor.logits(estimates, sensor.observations), np.float32)
         chosen = zip(logits[:, :available], sensor.draws)
         actions = np.array([choose(row, draw, settings["greedy"]) for row, draw in chosen])
         port.decide(actions, ages, estimates, logits, received_ns, fused_ns)

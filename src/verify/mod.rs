@@ -1,6 +1,7 @@
 //! Recomputing recorded episodes and updates: what was recorded, what comes out here, and how far apart.
 
 mod kind;
+mod masks;
 mod trace;
 mod update;
 mod world;
@@ -9,6 +10,7 @@ use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 
 pub use kind::FileKind;
+use masks::Masks;
 use trace::Agents;
 use world::Worlds;
 
@@ -126,10 +128,12 @@ fn verify_file(
 fn verify_recording(file: &Path, policy: Option<&PolicySource>, report: &mut Report) -> Result<()> {
     let recording = Reader::open(file)?;
     let mut worlds = Worlds::of(file, &recording)?;
+    let mut masks = recording.is_trace().then(|| Masks::of(&recording)).transpose()?;
     let mut agents = recording.is_trace().then(|| Agents::of(file, &recording, policy));
     for (number, episode) in recording.enumerate() {
         let episode = episode?;
         worlds.compare(file, number, &episode)?;
+        masks.as_mut().map_or(Ok(()), |masks| masks.compare(number, &episode))?;
         // What is wrong with the agents does not hide the worlds.
         let compared = match &mut agents {
             Some(Ok(agents)) => agents.compare(file, number, &episode),
@@ -140,6 +144,7 @@ fn verify_recording(file: &Path, policy: Option<&PolicySource>, report: &mut Rep
         }
     }
     report.comparisons.extend(worlds.compared(file));
+    report.comparisons.extend(masks.and_then(|masks| masks.compared(file)));
     let Some(agents) = agents.transpose()? else { return Ok(()) };
     let (comparisons, left_out) = agents.compared(file);
     report.comparisons.extend(comparisons);

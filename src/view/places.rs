@@ -35,6 +35,8 @@ pub(crate) struct Ghost {
     pub(crate) agent: usize,
     /// Where, m.
     pub(crate) place: DVec2,
+    /// Whose observations its coordinates are in, x and y.
+    pub(crate) observers: [usize; 2],
     /// Whether a coordinate was imputed. Otherwise the agent knows it: it observes it itself, or was told just now.
     pub(crate) imputed: bool,
 }
@@ -75,7 +77,8 @@ impl Places {
             let [x, y] = self.agents[agent].each_ref().map(|told| best(told));
             let (x, y) = (x?, y?);
             let place = DVec2::new(estimate[x.dim].into(), estimate[y.dim].into());
-            Some(Ghost { agent, place, imputed: !(has(&x) && has(&y)) })
+            let observers = [x.observer, y.observer];
+            Some(Ghost { agent, place, observers, imputed: !(has(&x) && has(&y)) })
         })
     }
 }
@@ -124,7 +127,7 @@ mod tests {
             for viewer in 0..spec.n_agents() {
                 let ghosts: Vec<Ghost> = places.ghosts(viewer, &estimate, |_| true).collect();
                 assert_eq!(ghosts.len(), spec.n_agents() - 1, "{task}");
-                for Ghost { agent, place, imputed } in ghosts {
+                for Ghost { agent, place, imputed, .. } in ghosts {
                     assert!(agent != viewer && places.tell(agent) && !imputed, "{task}");
                     assert!(place.distance(truth[agent]) < 1e-6, "{task}: {place}, not {}", truth[agent]);
                 }

@@ -58,7 +58,7 @@ fn they_hold_what_json_holds_but_for_thoughts_and_those_come_again() {
         assert!(5 * small < large, "{small} bytes, and {large} as JSON");
         for name in ["a.json", "a.trace"] {
             let table = succeed(&format!("verify {}", folder.at(name)));
-            let expected = if name == "a.json" { 9 } else { 5 };
+            let expected = if name == "a.json" { 10 } else { 6 };
             assert!(table.contains(&format!("all {expected} comparisons hold")), "{words}: {table}");
             succeed(&format!("replay {} --html {}.html", folder.at(name), folder.at(name)));
         }

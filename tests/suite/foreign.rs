@@ -14,6 +14,8 @@ use vamaro_swarm::supervisor::{AgentCommand, Conduct, Deadlines, Ledger, OnFailu
 
 use crate::common::{self, PROGRAM, fail, stderr, succeed, swarm_of};
 
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
 /// Not a test: what a stranger runs. The last word is what it is told, a word before says what it does wrong.
 #[test]
 fn stranger() {
@@ -207,59 +209,77 @@ fn run_line(words: &[&str]) -> std::process::Output {
     Command::new(PROGRAM).args(words).output().unwrap()
 }
 
-/// Python with the packages that agents in Python need; `None` where there is none.
-fn python() -> Option<String> {
-    let own = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/python-agents/bin/python");
+/// Python with these packages; `None` where there is none.
+fn python(packages: &str) -> Option<String> {
+    let own = PathBuf::from(ROOT).join("target/python-agents/bin/python");
     let python = if own.exists() { own.display().to_string() } else { "python3".to_owned() };
-    let has = Command::new(&python).args(["-c", "import iceoryx2, numpy"]).output();
+    let has = Command::new(&python).args(["-c", &format!("import {packages}")]).output();
     if has.is_ok_and(|output| output.status.success()) {
         return Some(python);
     }
-    eprintln!("skipped: `{python}` has no iceoryx2 and numpy; see docs/protocol.md");
+    eprintln!("skipped: `{python}` has not all of {packages}; see docs/protocol.md");
     None
 }
 
 fn hold(python: &str) -> String {
-    format!("{python} {}/agents/python/hold.py", env!("CARGO_MANIFEST_DIR"))
+    format!("{python} {ROOT}/agents/python/hold.py")
 }
 
-#[test]
-fn one_in_python_plays_as_ours_do() {
-    let Some(python) = python() else { return };
+/// Has a team play as `words` say, once with our agents and once with this command as agent 1, and compares the two.
+fn plays_as_ours_do(words: &str, command: &str) {
     let folder = tempfile::tempdir().unwrap();
-    for words in [
-        "--agents 4 --p 0.3 --greedy --episodes 2",
-        "--task hear-see --links gilbert(0.1,0.3)+delay(1,2) --worlds 3 --episodes 4",
-    ] {
-        let play = |file: &str, more: &[&str]| {
-            let path = folder.path().join(file);
-            let to = path.display().to_string();
-            let mut all: Vec<&str> = vec!["spawn", "--imputer", "hold", "--record", &to];
-            all.extend(words.split(' '));
-            all.extend(more);
-            let output = run_line(&all);
-            assert!(output.status.success(), "{words}: {}", stderr(&output));
-            Recording::read(&path).unwrap()
-        };
-        let ours = play("ours.json", &[]);
-        let theirs = play("theirs.json", &["--agent", &format!("1={}", hold(&python))]);
-        for (ours, theirs) in ours.episodes.iter().zip(&theirs.episodes) {
-            assert_eq!((&ours.delivered, &ours.ages), (&theirs.delivered, &theirs.ages), "{words}");
-            assert_eq!(ours.joint_estimate, theirs.joint_estimate, "{words}");
-            assert_eq!(ours.actions, theirs.actions, "{words}");
-            let logits = ours.logits.iter().flatten().zip(theirs.logits.iter().flatten());
-            for (ours, theirs) in logits {
-                let largest = ours.iter().fold(1.0f32, |largest, logit| largest.max(logit.abs()));
-                let near = |(ours, theirs): (&f32, &f32)| (ours - theirs).abs() <= 1e-5 * largest;
-                assert!(ours.iter().zip(theirs).all(near), "{words}: {ours:?} {theirs:?}");
-            }
+    let play = |file: &str, more: &[&str]| {
+        let path = folder.path().join(file);
+        let to = path.display().to_string();
+        let mut all: Vec<&str> = vec!["spawn", "--imputer", "hold", "--record", &to];
+        all.extend(words.split(' '));
+        all.extend(more);
+        let output = run_line(&all);
+        assert!(output.status.success(), "{words}: {}", stderr(&output));
+        Recording::read(&path).unwrap()
+    };
+    let ours = play("ours.json", &[]);
+    let theirs = play("theirs.json", &["--agent", &format!("1={command}")]);
+    for (ours, theirs) in ours.episodes.iter().zip(&theirs.episodes) {
+        assert_eq!((&ours.delivered, &ours.ages), (&theirs.delivered, &theirs.ages), "{words}");
+        assert_eq!(ours.joint_estimate, theirs.joint_estimate, "{words}");
+        assert_eq!(ours.actions, theirs.actions, "{words}");
+        let logits = ours.logits.iter().flatten().zip(theirs.logits.iter().flatten());
+        for (ours, theirs) in logits {
+            let largest = ours.iter().fold(1.0f32, |largest, logit| largest.max(logit.abs()));
+            let near = |(ours, theirs): (&f32, &f32)| (ours - theirs).abs() <= 1e-5 * largest;
+            assert!(ours.iter().zip(theirs).all(near), "{words}: {ours:?} {theirs:?}");
         }
     }
 }
 
 #[test]
+fn one_in_python_plays_as_ours_do() {
+    let Some(python) = python("iceoryx2, numpy") else { return };
+    plays_as_ours_do("--agents 4 --p 0.3 --greedy --episodes 2", &hold(&python));
+    let delayed = "--task hear-see --links gilbert(0.1,0.3)+delay(1,2) --worlds 3 --episodes 4";
+    plays_as_ours_do(delayed, &hold(&python));
+}
+
+#[test]
+fn one_that_acts_by_an_onnx_file_plays_as_ours_do() {
+    let Some(python) = python("iceoryx2, numpy, onnx, onnxruntime") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    for (task, words) in [("spread-xy-4", "--agents 4"), ("hear-see", "--task hear-see --worlds 2")] {
+        let file = folder.path().join(format!("{task}.onnx")).display().to_string();
+        let (script, policy) = ("agents/python/to_onnx.py", "agents/pretrained");
+        let policy = format!("{policy}/{task}/seed-0.safetensors");
+        let made =
+            Command::new(&python).args([script, &policy, "1", &file]).current_dir(ROOT).output().unwrap();
+        assert!(made.status.success(), "{}", stderr(&made));
+        let words = format!("{words} --p 0.4 --greedy --episodes 2");
+        plays_as_ours_do(&words, &format!("{} {file}", hold(&python)));
+    }
+}
+
+#[test]
 fn one_in_python_keeps_up_with_the_clock_and_is_examined() {
-    let Some(python) = python() else { return };
+    let Some(python) = python("iceoryx2, numpy") else { return };
     let agent = format!("1={}", hold(&python));
     let words =
         "spawn --agents 4 --p 0.5 --imputer hold --rate 100 --episodes 2 --deadline 10s --json --agent";
@@ -276,4 +296,44 @@ fn one_in_python_keeps_up_with_the_clock_and_is_examined() {
     all.extend(["--agent", &agent]);
     let error = stderr(&run_line(&all));
     assert!(error.contains("agent-1") && error.contains("use --imputer hold"), "{error}");
+}
+
+/// Where each field of the header is.
+fn places() -> Vec<(&'static str, usize)> {
+    macro_rules! places {
+        ($($field:ident)*) => { vec![$((stringify!($field), std::mem::offset_of!(Header, $field))),*] };
+    }
+    places!(protocol kind swarm incarnation sender episode tick step worlds length weights sent_ns deadline_ns absent)
+}
+
+#[test]
+fn the_page_on_the_protocol_says_where_the_fields_of_the_header_are() {
+    let page = std::fs::read_to_string(format!("{ROOT}/docs/protocol.md")).unwrap();
+    assert!(page.contains(&format!("# The protocol, version {PROTOCOL}")));
+    assert!(page.contains(&format!("({} bytes,", size_of::<Header>())));
+    let places = places();
+    let ends = places.iter().skip(1).map(|(_, at)| *at).chain([size_of::<Header>()]);
+    for ((field, at), end) in places.iter().zip(ends) {
+        let row = format!("| {at}-{} | `u{} {field}` |", end - 1, 8 * (end - at));
+        assert!(page.contains(&row), "{row}");
+    }
+    // The structs for C are the same.
+    let c = page.split("```c\n").nth(1).unwrap().split("```").next().unwrap();
+    let asserts: String = places
+        .iter()
+        .map(|(field, at)| {
+            format!("_Static_assert(offsetof(struct VamaroSwarmHeader, {field}) == {at}, \"{field}\");\n")
+        })
+        .collect();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("header.c");
+    let size = size_of::<Header>();
+    let size = format!("_Static_assert(sizeof(struct VamaroSwarmHeader) == {size}, \"size\");\n");
+    std::fs::write(&file, format!("#include <stddef.h>\n{c}{asserts}{size}")).unwrap();
+    let compiled = Command::new("cc")
+        .args(["-Wall", "-Werror", "-Wno-unused-function", "-fsyntax-only"])
+        .arg(&file)
+        .output();
+    let Ok(compiled) = compiled else { return eprintln!("skipped: this machine has no `cc`") };
+    assert!(compiled.status.success(), "{}", stderr(&compiled));
 }

@@ -18,6 +18,7 @@ mod evaluate;
 mod foreign;
 mod help;
 mod imputers;
+mod links;
 mod lost_is_lost;
 mod parity;
 mod physics;
@@ -31,6 +32,8 @@ mod rooms;
 mod substitute;
 mod train;
 mod verify;
+#[cfg(feature = "view")]
+mod view;
 
 /// Not a test: what the agents of swarms run that are of this binary.
 #[test]

@@ -114,7 +114,7 @@ fn a_trace_against_the_clock_says_who_was_not_there_and_is_taken_back() {
         "spawn --task hear-see --p 0.6 --rate 100 --episodes 4 --on-failure restart --chaos stop=0.1:50ms --record {trace}"
     ));
     let table = succeed(&format!("verify {trace}"));
-    assert!(table.contains("all 9 comparisons hold"), "{table}");
+    assert!(table.contains("all 10 comparisons hold"), "{table}");
     let trace: Value = serde_json::from_slice(&std::fs::read(trace).unwrap()).unwrap();
     assert_eq!(trace["rate"], 100.0);
     let episodes = trace["episodes"].as_array().unwrap();
