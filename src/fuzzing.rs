@@ -8,7 +8,7 @@ use crate::agent::{PolicySource, dims};
 use crate::bus::{Header, Kind, Layout, PROTOCOL};
 use crate::environment::{PhysicsSpec, Task};
 use crate::evaluate::{Record, Settings};
-use crate::link::{CommunicationMatrix, LinkSpec};
+use crate::link::{CommunicationMatrix, LinkSpec, RadioLog, Site};
 use crate::metrics::{Metrics, MetricsLog};
 use crate::nn::{Meta, PolicyFile, import};
 use crate::recording::Recording;
@@ -74,10 +74,11 @@ pub fn metrics(bytes: &[u8]) {
     }
 }
 
-/// A communication matrix for a team of four.
+/// A communication matrix for a team of four, or the log of its radio.
 pub fn matrix(bytes: &[u8]) {
     if let Ok(text) = std::str::from_utf8(bytes) {
         let _ = CommunicationMatrix::parse(text, 4);
+        let _ = RadioLog::parse(text, 4);
     }
 }
 
@@ -86,7 +87,7 @@ pub fn links(bytes: &[u8]) {
     let text = std::str::from_utf8(bytes).unwrap_or_default();
     // A matrix is in a file, which may be any.
     if !text.contains('/') {
-        let _ = LinkSpec::parse(text, 4).map(|links| links.build());
+        let _ = LinkSpec::parse(text, Site { agents: 4, tick: Some(0.1) }).map(|links| links.build());
     }
 }
 

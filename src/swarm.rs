@@ -6,9 +6,9 @@ use crate::agent::{AgentSettings, PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::scheduling::Scheduling;
 use crate::bus::Wait;
-use crate::environment::{Environment, Spec, Task};
+use crate::environment::{Environment, Task};
 use crate::failed;
-use crate::link::{Link, LinkSpec, Links};
+use crate::link::{Link, LinkSpec, Links, Site};
 use crate::supervisor::{
     AgentCommand, Conduct, Deadlines, InProcess, Ledger, Observer, OnFailure, Processes, Session, Statistics,
 };
@@ -245,7 +245,9 @@ impl SwarmBuilder {
             Played::Environment(environment) => environment,
         };
         let spec = environment.spec().clone();
-        let links = self.links.build(&spec)?;
+        let site =
+            Site { tick: Some(self.conduct.rate.map_or(spec.dt, |rate| 1.0 / rate)), ..Site::from(&spec) };
+        let links = self.links.build(site)?;
         let policy = self.policy.load(&spec)?;
         let settings = AgentSettings {
             imputer: self.registry.choose(self.imputer.as_deref(), &policy)?,
@@ -268,9 +270,9 @@ impl SwarmBuilder {
 }
 
 impl LinkChoice {
-    fn build(self, spec: &Spec) -> Result<Links> {
+    fn build(self, site: Site) -> Result<Links> {
         match self.0 {
-            Linked::Words(words) => LinkSpec::parse(&words, spec.n_agents()).map(|links| links.build()),
+            Linked::Words(words) => LinkSpec::parse(&words, site).map(|links| links.build()),
             Linked::Links(links) => Ok(links),
         }
     }

@@ -24,6 +24,15 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>> {
     read_up_to(&mut file, path, limit)
 }
 
+/// The first bytes of the regular file at `path`, at most so many.
+pub(crate) fn beginning(path: &Path, bytes: u64) -> Result<Vec<u8>> {
+    let file = open(path)?;
+    check(&file, path)?;
+    let mut beginning = Vec::new();
+    file.take(bytes).read_to_end(&mut beginning).map_err(|e| Error::io("read", path, e))?;
+    Ok(beginning)
+}
+
 /// The text of the regular file at `path`, which may have `limit` bytes.
 pub(crate) fn read_text(path: &Path, limit: u64) -> Result<String> {
     text(read(path, limit)?, path)

@@ -6,6 +6,9 @@
 //! and receiver and sender are a position in the stream. Two runs that agree on the address agree on the
 //! draw, whatever else they did.
 
+use std::f64::consts::TAU;
+
+use glam::{DVec2, dvec2};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -41,6 +44,12 @@ pub enum Purpose {
     Imagination = 11,
     /// Which agents are killed or stopped on purpose.
     Chaos = 12,
+    /// Whether one observation is lost in the state that its link is in.
+    Loss = 13,
+    /// How far the power that one observation is received with is off.
+    Fading = 14,
+    /// Where in a log of a radio an episode begins.
+    Log = 15,
 }
 
 /// The draws of one (seed, purpose, episode, step).
@@ -81,6 +90,14 @@ impl Draws {
     /// The next draw, uniform on `[low, high)`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
+    }
+
+    /// The next two draws make two normal ones, independent, of mean 0 and standard deviation 1, after Box and Muller.
+    pub fn normal(&mut self) -> DVec2 {
+        // Never the logarithm of 0.
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        let (sin, cos) = (TAU * self.uniform()).sin_cos();
+        radius * dvec2(cos, sin)
     }
 
     /// The next draw, uniform over `0..n`.

@@ -13,8 +13,10 @@ use crate::base::error::{Error, Result};
 use crate::bus::Wait;
 use crate::environment::{PhysicsSpec, Task};
 use crate::evaluate::report::{self, Provenance};
-use crate::evaluate::{Condition, Entrant, Place, Record, Requirement, Settings, Summary, Sweep, Verdict};
-use crate::link;
+use crate::evaluate::{
+    Axis, Condition, Entrant, Place, Record, Requirement, Settings, Summary, Sweep, Verdict,
+};
+use crate::link::{self, Site};
 use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
 use crate::usage;
@@ -47,7 +49,8 @@ pub struct Evaluate {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     modes: Vec<String>,
 
-    /// Any links, listed below, as an additional condition; may be given several times
+    /// Any links, listed below, as an additional condition. One parameter may be a list of values, such as
+    /// 'gilbert(loss=0.8, burst=[5,10,20])': a condition for each, and a profile over them. May be given several times
     #[arg(long, value_name = "LINKS|FILE")]
     links: Vec<String>,
 
@@ -148,6 +151,9 @@ Examples:
   vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
   vamaro-swarm evaluate runs/hs-0 --levels 1 \\
       --links 'gilbert(0.1, 0.3) + delay(1, 1)'
+  # losses in bursts against independent ones, 80 % each
+  vamaro-swarm evaluate runs/hs-0 --levels 1 \\
+      --links 'gilbert(loss=0.8, burst=[5,10,20,40])'
   vamaro-swarm evaluate runs/hs-0 --levels 1,0.2 \\
       --chaos kill=0.01 --chaos 'kill=0.01 at p=0.2'
   vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own
@@ -220,7 +226,7 @@ impl Evaluate {
                 ));
             }
         }
-        let conditions = self.conditions(&entrants)?;
+        let (conditions, axes) = self.conditions(&entrants)?;
         if let Some(truth) = self.substitute.first()
             && !conditions.iter().any(Condition::is_lossless)
         {
@@ -239,6 +245,7 @@ impl Evaluate {
                 physics: self.physics,
             },
             conditions,
+            axes,
             entrants,
             worlds: self.worlds as usize,
             place: if self.in_process {
@@ -249,8 +256,8 @@ impl Evaluate {
         })
     }
 
-    /// Levels, modes, links and chaos, in this order.
-    fn conditions(&self, entrants: &[Entrant]) -> Result<Vec<Condition>> {
+    /// Levels, modes, links and chaos, in this order; and the axes on which links are.
+    fn conditions(&self, entrants: &[Entrant]) -> Result<(Vec<Condition>, Vec<Axis>)> {
         let level = |text: &String| {
             let p = text.trim().trim_start_matches("p=").parse().ok();
             let level = p.and_then(|p| Condition::level(p).ok());
@@ -260,15 +267,21 @@ impl Evaluate {
             mode @ ("uniform" | "asymmetric" | "dynamic") => Condition::parse(mode, 1),
             _ => Err(usage!("--modes: {text:?} is not one of uniform, asymmetric and dynamic")),
         };
+        let (mut axes, mut links) = (Vec::new(), Vec::new());
+        for text in &self.links {
+            match axis(text, entrants)? {
+                Some(axis) => axes.push(axis),
+                None => links.push(text),
+            }
+        }
         // A matrix is for teams of one size.
-        let for_all = |text: &str, parse: fn(&str, usize) -> Result<Condition>| {
-            let teams = entrants.iter().map(|entrant| entrant.task.spec().n_agents());
-            let read = teams.map(|agents| parse(text, agents));
+        let for_all = |text: &str, parse: fn(&str, Site) -> Result<Condition>| {
+            let read = entrants.iter().map(|entrant| parse(text, entrant.task.spec().into()));
             read.reduce(|all, one| all.and(one)).expect("there are policies")
         };
         let all = self.levels.iter().map(|text| ("--levels", level(text)));
         let all = all.chain(self.modes.iter().map(|text| ("--modes", mode(text))));
-        let all = all.chain(self.links.iter().map(|text| ("--links", for_all(text, Condition::parse))));
+        let all = all.chain(links.into_iter().map(|text| ("--links", for_all(text, Condition::parse))));
         let all = all.chain(self.chaos.iter().map(|text| ("--chaos", for_all(text, Condition::parse_chaos))));
         let mut conditions: Vec<Condition> = Vec::new();
         for (option, condition) in all {
@@ -278,7 +291,13 @@ impl Evaluate {
             }
             conditions.push(condition);
         }
-        Ok(conditions)
+        for point in axes.iter().flat_map(|axis| &axis.points) {
+            // A level may be on an axis, too.
+            if !conditions.contains(&point.condition) {
+                conditions.push(point.condition.clone());
+            }
+        }
+        Ok((conditions, axes))
     }
 
     fn entrant(&self, name: &str, task: Option<&Task>) -> Result<Entrant> {
@@ -341,10 +360,9 @@ impl Evaluate {
 
     /// The requirements, each with its imputer. An error for one that nothing of what is played can meet.
     fn requirements(&self, sweep: &Sweep) -> Result<Vec<Requirement>> {
-        let agents = sweep.entrants[0].task.spec().n_agents();
+        let site = Site::from(sweep.entrants[0].task.spec());
         let with_imputer = |text: &String| {
-            let requirement =
-                Requirement::parse(text, agents).map_err(|error| usage!("--require {error}"))?;
+            let requirement = Requirement::parse(text, site).map_err(|error| usage!("--require {error}"))?;
             let wrong = |why: String| usage!("--require '{requirement}': {why}");
             if !sweep.conditions.contains(&requirement.condition) {
                 return Err(wrong(format!("{} is not played", requirement.condition)));
@@ -397,6 +415,19 @@ impl Evaluate {
             (_, None) => error,
         }
     }
+}
+
+/// The axis that a text says for all teams; `None` for links without a list of values.
+fn axis(text: &str, entrants: &[Entrant]) -> Result<Option<Axis>> {
+    let mut axis = None;
+    for entrant in entrants {
+        let Some(own) = Axis::parse(text, entrant.task.spec())? else { return Ok(None) };
+        axis = Some(match axis {
+            Some(axis) => own.and(axis)?,
+            None => own,
+        });
+    }
+    Ok(axis)
 }
 
 /// Says what came of the requirements.

@@ -1,4 +1,4 @@
-//! `plot`: learning curves of training runs.
+//! `plot`: learning curves of training runs, and what links do.
 
 use std::path::{Path, PathBuf};
 
@@ -7,12 +7,14 @@ use clap::Args;
 use super::{print, print_bytes};
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
+use crate::environment::Task;
+use crate::link::LinkSpec;
 use crate::metrics::{self, Metrics};
-use crate::plot::curves;
+use crate::plot::{Figure, curves, links};
 use crate::train::{Config, Layer, Preset};
 use crate::usage;
 
-/// Draw the learning curves of a training run, or the mean of several
+/// Draw the learning curves of a training run, or the mean of several; or what links do
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -23,17 +25,27 @@ Examples:
   vamaro-swarm plot runs/hs-0 runs/hs-1 runs/hs-2
   vamaro-swarm plot runs/hs-* --out hear-see.svg
   vamaro-swarm plot runs/hs-0 --out - > curves.svg
+  # losses at each step, in a row and over the distance, and delays
+  vamaro-swarm plot --links 'gilbert(loss=0.8, burst=10) + delay(2, 1)'
 
 One panel per level p of communication, one line per predictor: the mean return
 of the tests. Runs that are still training can be plotted too. Open the file in
 a browser.")]
 pub struct Plot {
     /// Folders of runs of one task (each with a metrics.csv), or metrics files
-    #[arg(required = true, value_name = "RUN")]
+    #[arg(required_unless_present = "links", value_name = "RUN")]
     runs: Vec<PathBuf>,
 
+    /// Draw what these links do in 1,000 episodes, as `spawn --links` takes them
+    #[arg(long, value_name = "LINKS|FILE", conflicts_with = "runs")]
+    links: Option<String>,
+
+    /// With --links: the task whose agents move, by uniform actions
+    #[arg(long, value_name = "T", default_value = "spread-xy-4", conflicts_with = "runs")]
+    task: String,
+
     /// Where to write the chart; - for stdout [default: curves.svg in the folder of the run; of several runs, in the
-    /// working directory]
+    /// working directory; links.svg of links]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 
@@ -46,31 +58,54 @@ pub struct Plot {
 impl Plot {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        match &self.links {
+            Some(links) => self.plot_links(links),
+            None => self.plot_runs(),
+        }
+    }
+
+    fn plot_links(&self, text: &str) -> Result<()> {
+        let task = Task::parse(&self.task)?;
+        let figure = links(&LinkSpec::parse(text, task.spec())?, &task)?;
+        let out = self.out.clone().unwrap_or_else(|| PathBuf::from(self.name("links")));
+        self.write(&figure, &out, &figure.title)
+    }
+
+    fn plot_runs(&self) -> Result<()> {
         let runs: Vec<Run> = self.runs.iter().map(|path| Run::read(path)).collect::<Result<_>>()?;
         check_alike(&runs)?;
         let config = runs.iter().find_map(|run| run.config.as_ref());
         let name = config.map_or(String::new(), |config| format!("{}: ", config.task));
         let metrics: Vec<Metrics> = runs.iter().map(|run| run.metrics.clone()).collect();
         let figure = curves(&metrics, &format!("{name}return of tests while training"))?;
-        let (chart, file) = if self.paper {
-            (figure.to_pdf(), "curves.pdf")
-        } else {
-            (figure.to_svg().into_bytes(), "curves.svg")
-        };
+        let file = self.name("curves");
         let out = match (&self.out, &runs[..]) {
-            (Some(out), _) if out.as_os_str() == "-" => return print_bytes(&chart),
             (Some(out), _) => out.clone(),
             (None, [run]) => run.file.with_file_name(file),
             (None, _) => PathBuf::from(file),
         };
-        AtomicFile::write(&out, &chart)?;
-        print(&format!(
-            "wrote {}: {name}{} run{}, up to {} env steps\n",
-            out.display(),
+        let what = format!(
+            "{name}{} run{}, up to {} env steps",
             runs.len(),
             if runs.len() == 1 { "" } else { "s" },
             last_in_common(&runs).unwrap_or(0)
-        ))
+        );
+        self.write(&figure, &out, &what)
+    }
+
+    /// A file of this name, in the format that was asked for.
+    fn name(&self, name: &str) -> String {
+        format!("{name}.{}", if self.paper { "pdf" } else { "svg" })
+    }
+
+    /// Writes a chart, and says what is in it.
+    fn write(&self, figure: &Figure, out: &Path, what: &str) -> Result<()> {
+        let chart = if self.paper { figure.to_pdf() } else { figure.to_svg().into_bytes() };
+        if out.as_os_str() == "-" {
+            return print_bytes(&chart);
+        }
+        AtomicFile::write(out, &chart)?;
+        print(&format!("wrote {}: {what}\n", out.display()))
     }
 }
 

@@ -17,7 +17,7 @@ use crate::base::scheduling::{Grants, Scheduling};
 use crate::base::threads::cores;
 use crate::bus::Wait;
 use crate::environment::{PhysicsSpec, Task};
-use crate::link::{self, CommunicationMatrix, LinkSpec, complement};
+use crate::link::{self, CommunicationMatrix, LinkSpec, Site, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::RecordingHeader;
 use crate::supervisor::{
@@ -289,8 +289,7 @@ impl Spawn {
         let links = summary.links.build().sharing_at_start(summary.comm_at_t0);
         let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed);
         if let Some(chaos) = self.chaos {
-            let tick = self.rate.map_or(summary.task.spec().dt, |rate| 1.0 / rate);
-            session = session.with_chaos(chaos, Duration::from_secs_f64(tick))?;
+            session = session.with_chaos(chaos, Duration::from_secs_f64(self.tick(summary.task)))?;
         }
         let bar = progress_bar(self.episodes);
         let mut ledger = Ledger::telling(|statistics| {
@@ -354,9 +353,15 @@ impl Spawn {
         })
     }
 
+    /// Seconds from one tick to the next; in lockstep, as the environment has them.
+    fn tick(&self, task: &Task) -> f64 {
+        self.rate.map_or(task.spec().dt, |rate| 1.0 / rate)
+    }
+
     fn find_links(&self, task: &Task) -> Result<LinkSpec> {
-        let (level, agents) = (self.p.or(self.drop.map(complement)), task.spec().n_agents());
-        let links = self.links.as_deref().map(|text| LinkSpec::parse(text, agents)).transpose()?;
+        let level = self.p.or(self.drop.map(complement));
+        let site = Site { tick: Some(self.tick(task)), ..Site::from(task.spec()) };
+        let links = self.links.as_deref().map(|text| LinkSpec::parse(text, site)).transpose()?;
         match (level.map(LinkSpec::level).transpose()?, links) {
             (Some(level), Some(links)) => level.then(links),
             (level, links) => level.or(links).map_or_else(|| LinkSpec::level(1.0), Ok),

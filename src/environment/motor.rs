@@ -1,8 +1,6 @@
 //! Motor noise: agents do not push quite as they mean to.
 
-use std::f64::consts::TAU;
-
-use glam::{DVec2, dvec2};
+use glam::DVec2;
 
 use super::Physics;
 use crate::base::rng::{Draws, Purpose};
@@ -34,19 +32,11 @@ impl Motors {
         if self.std > 0.0 {
             let mut draws = Draws::new(self.seed, Purpose::Motor, self.episode, self.step);
             for (agent, force) in forces.iter_mut().enumerate() {
-                *force += self.std * normal(draws.at(agent, 0));
+                *force += self.std * draws.at(agent, 0).normal();
             }
         }
         self.step += 1;
     }
-}
-
-/// Two independent normal draws of mean 0 and standard deviation 1, after Box and Muller.
-fn normal(draws: &mut Draws) -> DVec2 {
-    // Never the logarithm of 0.
-    let radius = (-2.0 * (1.0 - draws.uniform()).ln()).sqrt();
-    let (sin, cos) = (TAU * draws.uniform()).sin_cos();
-    radius * dvec2(cos, sin)
 }
 
 #[cfg(test)]

@@ -120,10 +120,12 @@ mod tests {
             baseline: Some("maro".to_owned()),
             imputers: vec![imputer("maro", maro), imputer("value-aware", value_aware)],
             losses: Vec::new(),
+            profiles: Vec::new(),
         });
         let settings = Settings::default();
         Summary {
             settings,
+            axes: Vec::new(),
             contenders: Vec::new(),
             groups: groups.into(),
             aggregates: Vec::new(),

@@ -7,7 +7,7 @@ use serde::ser::SerializeStruct;
 use serde::{Serialize, Serializer};
 
 use crate::base::error::Result;
-use crate::link::{CommunicationMatrix, LinkSpec};
+use crate::link::{CommunicationMatrix, LinkSpec, RadioLog, Site};
 use crate::supervisor::ChaosSpec;
 
 /// How links behave in a cell, and what befalls agents on purpose.
@@ -29,15 +29,15 @@ impl Condition {
         LinkSpec::level(p + 0.0).map(|links| Condition { name: format!("p={}", p + 0.0), links, chaos: None })
     }
 
-    /// The links that a text says, as `spawn --links` takes it, for a team of `agents`.
+    /// The links that a text says, as `spawn --links` takes it.
     ///
     /// # Errors
     /// `Usage` if it says none.
-    pub fn parse(text: &str, agents: usize) -> Result<Condition> {
-        let (text, links) = (text.trim(), LinkSpec::parse(text, agents)?);
+    pub fn parse(text: &str, site: impl Into<Site>) -> Result<Condition> {
+        let (text, links) = (text.trim(), LinkSpec::parse(text, site)?);
         let name = match links.p() {
             Some(p) => return Condition::level(p),
-            None if Path::new(text).is_file() => format!("matrix({text})"),
+            None if links.matrix().is_some() && Path::new(text).is_file() => format!("matrix({text})"),
             // Links do not know the files of their matrices.
             None if links.matrices().next().is_some() => text.to_owned(),
             None => links.to_string(),
@@ -50,11 +50,11 @@ impl Condition {
     ///
     /// # Errors
     /// `Usage` if it says nothing.
-    pub fn parse_chaos(text: &str, agents: usize) -> Result<Condition> {
+    pub fn parse_chaos(text: &str, site: impl Into<Site>) -> Result<Condition> {
         let (chaos, links) = text.split_once(" at ").unwrap_or((text, "p=1"));
         let chaos: ChaosSpec = chaos.parse()?;
         let level = links.trim().strip_prefix("p=").and_then(|p| p.trim().parse().ok());
-        let condition = level.map_or_else(|| Condition::parse(links, agents), Condition::level)?;
+        let condition = level.map_or_else(|| Condition::parse(links, site), Condition::level)?;
         let name = format!("{chaos} at {condition}");
         Ok(Condition { chaos: Some(chaos), name, ..condition })
     }
@@ -92,18 +92,25 @@ impl fmt::Display for Condition {
     }
 }
 
-/// `{"level": 0.2}`, the text of the links and of what befalls the agents, or that and the matrices that its files held.
+/// `{"level": 0.2}`, the text of the links and of what befalls the agents, or that and what tells its files apart: the
+/// matrices themselves, and fingerprints of logs.
 impl Serialize for Condition {
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         let matrices: Vec<_> = self.links.matrices().map(CommunicationMatrix::to_rows).collect();
+        let logs: Vec<_> = self.links.logs().map(RadioLog::fingerprint).collect();
         if let Some(p) = self.p() {
             serializer.serialize_newtype_variant("Condition", 0, "level", &p)
-        } else if matrices.is_empty() {
+        } else if matrices.is_empty() && logs.is_empty() {
             serializer.serialize_str(&self.name)
         } else {
-            let mut object = serializer.serialize_struct("Condition", 2)?;
+            let mut object = serializer.serialize_struct("Condition", 3)?;
             object.serialize_field("links", &self.name)?;
-            object.serialize_field("matrices", &matrices)?;
+            if !matrices.is_empty() {
+                object.serialize_field("matrices", &matrices)?;
+            }
+            if !logs.is_empty() {
+                object.serialize_field("logs", &logs)?;
+            }
             object.end()
         }
     }

@@ -16,14 +16,15 @@ impl Summary {
     /// # Errors
     /// `Interrupted` if the program was asked to stop.
     pub fn of(evaluation: &Evaluation, baselines: &[&str], threads: usize) -> Result<Summary> {
-        let Evaluation { settings, contenders, .. } = evaluation;
+        let Evaluation { settings, axes, contenders, .. } = evaluation;
         let episodes = Stratum::episodes(settings.episodes as usize);
         let study = |group| Study::new(group, baselines, settings.seed, episodes, threads);
         let studies: Vec<Study> = groups(evaluation).into_iter().map(study).collect::<Result<_>>()?;
         let mut summary = Summary {
             settings: settings.clone(),
             contenders: contenders.clone(),
-            groups: studies.iter().map(Study::summary).collect(),
+            axes: axes.clone(),
+            groups: studies.iter().map(|study| study.summary(axes)).collect(),
             aggregates: aggregates(&studies, settings.seed, threads)?,
             claims: Vec::new(),
         };

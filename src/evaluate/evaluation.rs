@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::axis::Axis;
 use super::condition::Condition;
 use crate::environment::{PhysicsSpec, Unit};
 
@@ -13,6 +14,8 @@ use crate::environment::{PhysicsSpec, Unit};
 pub struct Evaluation {
     /// How it was played.
     pub settings: Settings,
+    /// Axes on which conditions are.
+    pub axes: Vec<Axis>,
     /// Who was played, in the order of the command line.
     pub contenders: Vec<Contender>,
     /// What agents that choose uniformly among their available actions bring in, task by task.

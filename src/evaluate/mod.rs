@@ -5,6 +5,7 @@
 //! ```
 
 mod aggregate;
+mod axis;
 mod bootstrap;
 mod claims;
 mod condition;
@@ -14,6 +15,7 @@ mod estimate;
 mod evaluation;
 mod grouping;
 mod play;
+mod profile;
 mod record;
 pub mod report;
 mod require;
@@ -25,6 +27,7 @@ mod sweep;
 mod tests;
 mod weighted;
 
+pub use axis::Axis;
 pub use condition::Condition;
 pub use evaluation::{AgeErrors, Calibration, Evaluation, Settings, UnitErrors};
 #[cfg(test)]
@@ -34,6 +37,7 @@ pub use require::{Requirement, Verdict};
 #[cfg(test)]
 use summary::Claim;
 pub use summary::{
-    Aggregate, CellSummary, Claims, Comparison, Explained, Group, ImputerSummary, Interval, Loss, Summary,
+    Aggregate, CellSummary, Claims, Comparison, Explained, Group, ImputerSummary, Interval, Loss, Profile,
+    Summary,
 };
 pub use sweep::{Entrant, Place, Sweep};

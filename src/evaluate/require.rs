@@ -5,6 +5,7 @@ use std::fmt;
 use super::condition::Condition;
 use super::summary::{CellSummary, Group, Interval, Summary};
 use crate::base::error::Result;
+use crate::link::Site;
 use crate::usage;
 
 /// `CONDITION [imputer=NAME] METRIC>=BOUND`, such as `p=0.2 score>=0.9`. It is met if the low end of the 95 %
@@ -44,11 +45,12 @@ pub struct Verdict {
 }
 
 impl Requirement {
-    /// Reads a requirement of a team of `agents`.
+    /// Reads a requirement of a team.
     ///
     /// # Errors
     /// `Usage` if it is none.
-    pub fn parse(text: &str, agents: usize) -> Result<Requirement> {
+    pub fn parse(text: &str, site: impl Into<Site>) -> Result<Requirement> {
+        let site = site.into();
         let wrong = |why: &str| {
             usage!(
                 "{text:?} is not a requirement{why}; write one like 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'"
@@ -71,9 +73,9 @@ impl Requirement {
         let condition = match level.unwrap_or(condition).trim().parse() {
             Ok(p) => Condition::level(p),
             Err(_) if ["kill=", "stop="].iter().any(|chaos| condition.starts_with(chaos)) => {
-                Condition::parse_chaos(condition, agents)
+                Condition::parse_chaos(condition, site)
             }
-            Err(_) => Condition::parse(condition, agents),
+            Err(_) => Condition::parse(condition, site),
         };
         let condition = condition.map_err(|error| wrong(&format!(": {error}")))?;
         Ok(Requirement { condition, imputer, metric, bound: bound.ok_or_else(|| wrong(""))? })

@@ -1,5 +1,6 @@
 //! A group of an evaluation and the statistics of it.
 
+use super::axis::Axis;
 use super::bootstrap::{Bootstrap, Stratum};
 use super::curve::{lowest_p, mean_height};
 use super::evaluation::UnitErrors;
@@ -17,7 +18,8 @@ pub(super) struct Study<'a> {
     pub group: Alike<'a>,
     /// The imputer that others are compared with, if the group was played with it.
     baseline: Option<&'a str>,
-    bootstrap: Bootstrap<Sample>,
+    /// What was seen in them.
+    pub bootstrap: Bootstrap<Sample>,
 }
 
 impl<'a> Study<'a> {
@@ -46,8 +48,8 @@ impl<'a> Study<'a> {
         self.bootstrap.estimate.scores(cell, lossless)
     }
 
-    /// What is said of it.
-    pub(super) fn summary(&self) -> Group {
+    /// What is said of it, where conditions are on these axes.
+    pub(super) fn summary(&self, axes: &[Axis]) -> Group {
         let Alike { task, label, contenders, cells, .. } = &self.group;
         let imputers = distinct(cells.iter().map(|cell| cell.imputer));
         Group {
@@ -58,6 +60,7 @@ impl<'a> Study<'a> {
             baseline: self.baseline.map(str::to_owned),
             imputers: imputers.into_iter().map(|imputer| self.imputer(imputer)).collect(),
             losses: (0..cells.len()).filter_map(|cell| self.losses(cell)).collect(),
+            profiles: self.profiles(axes),
         }
     }
 
@@ -168,7 +171,7 @@ impl<'a> Study<'a> {
     }
 
     /// The cell of the same imputer where everything is delivered.
-    fn lossless(&self, cell: usize) -> Option<usize> {
+    pub(super) fn lossless(&self, cell: usize) -> Option<usize> {
         let imputer = self.group.cells[cell].imputer;
         self.group.cells.iter().position(|cell| cell.imputer == imputer && cell.condition.is_lossless())
     }

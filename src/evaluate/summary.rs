@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::axis::Axis;
 use super::condition::Condition;
 use super::evaluation::{Contender, Settings, UnitErrors};
 use crate::agent::Truth;
@@ -11,6 +12,9 @@ use crate::agent::Truth;
 pub struct Summary {
     /// How it was played.
     pub settings: Settings,
+    /// Links of which one parameter was varied.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub axes: Vec<Axis>,
     /// Who was played.
     pub contenders: Vec<Contender>,
     /// One per task and way of training, in the order in which their first contenders were named.
@@ -40,6 +44,24 @@ pub struct Group {
     /// and there are scores.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<Loss>,
+    /// How it does along axes: axis by axis and imputer by imputer.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub profiles: Vec<Profile>,
+}
+
+/// How a group does with one imputer along an axis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Profile {
+    /// Index into [`Summary::axes`].
+    pub axis: usize,
+    /// Name of the imputer.
+    pub imputer: String,
+    /// Area under return over the parameter, as a mean return over it.
+    pub return_area: Interval,
+    /// The same of the score; `None` if a value has none.
+    pub score_area: Option<Interval>,
+    /// Mean of the paired differences of return to the first value of the axis, value by value from the second on.
+    pub differences: Vec<Interval>,
 }
 
 /// How a group does with one imputer.

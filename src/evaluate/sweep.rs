@@ -2,6 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use super::axis::Axis;
 use super::condition::Condition;
 use super::evaluation::{Cell, Contender, Evaluation, Outcome, RandomTeam, Settings};
 use super::play::{play, play_at_random};
@@ -22,6 +23,8 @@ pub struct Sweep {
     pub settings: Settings,
     /// How links behave.
     pub conditions: Vec<Condition>,
+    /// Axes on which some of them are.
+    pub axes: Vec<Axis>,
     /// Who plays.
     pub entrants: Vec<Entrant>,
     /// Episodes that are played side by side in each cell.
@@ -199,7 +202,7 @@ impl Sweep {
             }
         }
         let contenders = self.entrants.iter().map(|entrant| entrant.contender.clone()).collect();
-        Ok(Evaluation { settings: self.settings.clone(), contenders, random, cells })
+        Ok(Evaluation { settings: self.settings.clone(), axes: self.axes.clone(), contenders, random, cells })
     }
 }
 

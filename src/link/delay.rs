@@ -23,7 +23,7 @@ pub(super) const MODEL: Model = Model {
     about: "observations arrive this many ticks later, plus or minus the jitter",
     parameters: &[
         Parameter { name: "ticks", domain: TICKS, default: None },
-        Parameter { name: "jitter", domain: TICKS, default: Some(0.0) },
+        Parameter { name: "jitter", domain: TICKS, default: Some("0") },
     ],
     build: |arguments| Ok(Box::new(Delay::new(arguments[0].number() as u8, arguments[1].number() as u8)?)),
 };
@@ -66,43 +66,17 @@ impl Link for Delay {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{STEPS, context, links};
+    use super::super::testing::{STEPS, check_delays, context, links};
     use super::*;
-
-    /// How often each delay befalls what is sent over each of 12 links in 400 episodes.
-    fn counts(text: &str) -> Vec<u32> {
-        let mut links = links(text).sharing_at_start(false);
-        let mut fates = Fates::new(4);
-        let mut counts = vec![0; usize::from(links.longest_delay()) + 1];
-        for episode in 0..400 {
-            for step in 0..STEPS {
-                links.deliveries(&context(episode, step), &mut fates).unwrap();
-                for (i, j) in (0..16).map(|link| (link / 4, link % 4)).filter(|(i, j)| i != j) {
-                    counts[usize::from(fates.delay(i, j).unwrap())] += 1;
-                }
-            }
-        }
-        counts
-    }
 
     #[test]
     fn delays_are_uniform_around_their_middle() {
-        const N: f64 = 400.0 * STEPS as f64 * 12.0;
-        for (text, expected) in [
-            ("delay(3)", &[0.0, 0.0, 0.0, 1.0][..]),
-            ("delay(2, 1)", &[0.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0]),
-            // Never below 0: -1 and 0 are one.
-            ("delay(jitter=2, ticks=1)", &[0.4, 0.2, 0.2, 0.2]),
-            // Two that are uniform on 0..=2 add up to a triangle.
-            ("delay(1, 1) + delay(1, 1)", &[1.0 / 9.0, 2.0 / 9.0, 3.0 / 9.0, 2.0 / 9.0, 1.0 / 9.0]),
-        ] {
-            let counts = counts(text);
-            assert_eq!(counts.len(), expected.len(), "{text}");
-            for (ticks, (count, p)) in counts.iter().zip(expected).enumerate() {
-                let (share, sigma) = (f64::from(*count) / N, (p * (1.0 - p) / N).sqrt());
-                assert!((share - p).abs() <= 5.0 * sigma, "{text}: {share} of {ticks} ticks, not {p}");
-            }
-        }
+        check_delays("delay(3)", &[0.0, 0.0, 0.0, 1.0]);
+        check_delays("delay(2, 1)", &[0.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0]);
+        // Never below 0: -1 and 0 are one.
+        check_delays("delay(jitter=2, ticks=1)", &[0.4, 0.2, 0.2, 0.2]);
+        // Two that are uniform on 0..=2 add up to a triangle.
+        check_delays("delay(1, 1) + delay(1, 1)", &[1.0 / 9.0, 2.0 / 9.0, 3.0 / 9.0, 2.0 / 9.0, 1.0 / 9.0]);
     }
 
     #[test]

@@ -44,6 +44,13 @@ impl Fates {
         }
     }
 
+    /// Nobody receives what these send.
+    pub(super) fn silence(&mut self, is_silent: impl Fn(usize) -> bool) {
+        for sender in (0..self.agents).filter(|sender| is_silent(*sender)) {
+            (0..self.agents).for_each(|receiver| self.lose(receiver, sender));
+        }
+    }
+
     /// Neither of these two receives anything of the other.
     pub(crate) fn cut(&mut self, one: usize, other: usize) {
         self.lose(one, other);

@@ -34,7 +34,7 @@ struct World {
     good: Vec<u64>,
 }
 
-/// Its line in the registry.
+/// The line of `gilbert(p, r)` in the registry.
 pub(super) const MODEL: Model = Model {
     name: "gilbert",
     about: "losses in bursts: a good link turns bad with probability p, a bad one good with r",
@@ -45,7 +45,41 @@ pub(super) const MODEL: Model = Model {
     build: |arguments| Ok(Box::new(Gilbert::new(arguments[0].number(), arguments[1].number())?)),
 };
 
+/// The line of `gilbert(loss, burst)` in the registry.
+pub(super) const BURSTS: Model = Model {
+    name: "gilbert",
+    about: "the same by what comes of it: the mean loss, and how many steps bursts of losses last on average",
+    parameters: &[
+        Parameter { name: "loss", domain: Domain::PROBABILITY, default: None },
+        Parameter { name: "burst", domain: Domain::Number("number of steps", 1.0, 1e6), default: None },
+    ],
+    build: |arguments| Ok(Box::new(Gilbert::with_bursts(arguments[0].number(), arguments[1].number())?)),
+};
+
 impl Gilbert {
+    /// Links that lose this share of all observations, in bursts that last `burst` steps on average.
+    ///
+    /// # Errors
+    /// `Usage` if nothing is ever delivered, or bursts are so short that a good link would have to turn bad with a
+    /// probability above 1.
+    pub fn with_bursts(loss: f64, burst: f64) -> Result<Gilbert> {
+        let good = super::complement(loss);
+        if good == 0.0 {
+            return Err(usage!(
+                "loss must be below 1: a burst that never ends has no mean length; take level(0)"
+            ));
+        }
+        let p = loss / (burst * good);
+        if p > 1.0 {
+            return Err(usage!(
+                "burst must be at least loss / (1 - loss) = {}: with burst = {burst} the probability that a good link \
+                 turns bad, loss / (burst (1 - loss)), would be {p}",
+                loss / good
+            ));
+        }
+        Gilbert::new(p, 1.0 / burst)
+    }
+
     /// Links that turn bad with probability p and good with probability r.
     ///
     /// # Errors
@@ -71,7 +105,20 @@ impl Link for Gilbert {
     }
 
     fn deliveries(&mut self, context: &Context, fates: &mut Fates) -> Result<()> {
-        let (address, agents) = (context.address, fates.agents());
+        let agents = fates.agents();
+        for (receiver, row) in self.good(context, agents).iter().enumerate() {
+            (0..agents)
+                .filter(|sender| row >> sender & 1 == 0)
+                .for_each(|sender| fates.lose(receiver, sender));
+        }
+        Ok(())
+    }
+}
+
+impl Gilbert {
+    /// Which links of a team of `agents` are good at this step: bit j of row i is that to i from j.
+    pub(super) fn good(&mut self, context: &Context, agents: usize) -> &[u64] {
+        let address = context.address;
         let world = &mut self.worlds[context.world];
         world.good.resize(agents, 0);
         // Usually the one step from the last; from the first if this one has been passed.
@@ -93,66 +140,33 @@ impl Link for Gilbert {
             }
         }
         world.step = Some(address.step);
-        for (receiver, row) in world.good.iter().enumerate() {
-            (0..agents)
-                .filter(|sender| row >> sender & 1 == 0)
-                .for_each(|sender| fates.lose(receiver, sender));
-        }
-        Ok(())
+        &world.good
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{STEPS, links, rows, rows_of};
+    use super::super::testing::{Losses, STEPS, links, rows, rows_of};
     use super::*;
     use crate::base::error::Error;
 
-    const EPISODES: u64 = 2000;
-    const AGENTS: usize = 4;
-    const LINKS: f64 = 12.0;
-
-    /// Whether each link but an agent's own lost, `[episode][step][link]`.
-    fn losses(text: &str) -> Vec<Vec<Vec<bool>>> {
-        let mut links = links(text).sharing_at_start(false);
-        let mut episode = |episode| {
-            links.begin(0, episode);
-            let mut step = |step| {
-                let rows = rows_of(&mut links, episode, step, AGENTS);
-                let pairs = (0..AGENTS * AGENTS).map(|pair| (pair / AGENTS, pair % AGENTS));
-                pairs.filter(|(i, j)| i != j).map(|(i, j)| rows[i] >> j & 1 == 0).collect()
-            };
-            (0..=STEPS).map(&mut step).collect()
-        };
-        (0..EPISODES).map(&mut episode).collect()
-    }
-
     #[test]
     fn the_mean_loss_holds_at_every_step() {
-        for (text, p, r) in [("gilbert(0.1, 0.3)", 0.1, 0.3), ("gilbert(r=0.05, p=0.2)", 0.2, 0.05)] {
-            let losses = losses(text);
-            let expected = p / (p + r);
-            for step in 0..=STEPS as usize {
-                let lost = losses.iter().flat_map(|episode| &episode[step]).filter(|lost| **lost).count();
-                let n = EPISODES as f64 * LINKS;
-                let sigma = (expected * (1.0 - expected) / n).sqrt();
-                let rate = lost as f64 / n;
-                assert!(
-                    (rate - expected).abs() < 5.0 * sigma,
-                    "{text}, step {step}: {rate} is not {expected}"
-                );
-            }
-        }
+        Losses::of("gilbert(0.1, 0.3)").check_every_step(|_| 0.25);
+        Losses::of("gilbert(r=0.05, p=0.2)").check_every_step(|_| 0.8);
+        Losses::of("gilbert(loss=0.8, burst=20)").check_every_step(|_| 0.8);
     }
 
     #[test]
     fn bursts_last_as_long_as_they_should() {
-        for (r, expected) in [(0.5, 2.0), (0.25, 4.0)] {
-            let losses = losses(&format!("gilbert(0.2, {r})"));
+        for (text, expected) in
+            [("gilbert(0.2, 0.5)", 2.0), ("gilbert(0.2, 0.25)", 4.0), ("gilbert(burst=10, loss=0.6)", 10.0)]
+        {
+            let losses = Losses::of(text);
             // Over all pairs of steps of which the first is bad: how often the second is good. Means of bursts within
             // an episode would be cut short at its end.
             let (mut bad, mut ended) = (0u32, 0u32);
-            for episode in &losses {
+            for episode in &losses.episodes {
                 for pair in episode.windows(2) {
                     for (before, after) in pair[0].iter().zip(&pair[1]).filter(|(before, _)| **before) {
                         bad += u32::from(*before);
@@ -163,18 +177,18 @@ mod tests {
             let mean = f64::from(bad) / f64::from(ended);
             // The relative error of a count of n geometric ends is about 1 / sqrt(n).
             let tolerance = 5.0 * expected / f64::from(ended).sqrt();
-            assert!((mean - expected).abs() < tolerance, "r = {r}: bursts last {mean}, not {expected}");
+            assert!((mean - expected).abs() < tolerance, "{text}: bursts last {mean}, not {expected}");
         }
     }
 
     #[test]
     fn bursts_that_begin_in_an_episode_have_geometric_lengths() {
-        let losses = losses("gilbert(0.2, 0.5)");
+        let losses = Losses::of("gilbert(0.2, 0.5)");
         // Bursts that begin at steps 1 to 10 and so have 15 steps to end in.
         let mut lengths = [0u32; 4];
         let mut bursts = 0u32;
-        for episode in &losses {
-            for link in 0..LINKS as usize {
+        for episode in &losses.episodes {
+            for link in 0..episode[0].len() {
                 for begin in (1..=10).filter(|step| episode[*step][link] && !episode[*step - 1][link]) {
                     let length = episode[begin..].iter().take_while(|losses| losses[link]).count();
                     bursts += 1;
@@ -194,13 +208,32 @@ mod tests {
 
     #[test]
     fn without_memory_it_is_a_level() {
-        let mut gilbert = links("gilbert(0.75, 0.25)");
-        for episode in 0..20 {
-            gilbert.begin(0, episode);
-            for step in 0..STEPS {
-                let level = rows("level(0.25)", episode, step, 5);
-                assert_eq!(rows_of(&mut gilbert, episode, step, 5), level, "episode {episode}, step {step}");
+        for (text, level) in
+            [("gilbert(0.75, 0.25)", "level(0.25)"), ("gilbert(loss=0.8, burst=5)", "level(0.2)")]
+        {
+            let mut gilbert = links(text);
+            for episode in 0..20 {
+                gilbert.begin(0, episode);
+                for step in 0..STEPS {
+                    let level = rows(level, episode, step, 5);
+                    assert_eq!(
+                        rows_of(&mut gilbert, episode, step, 5),
+                        level,
+                        "{text}: {episode}, step {step}"
+                    );
+                }
             }
+        }
+    }
+
+    #[test]
+    fn bursts_that_no_link_can_have_are_refused() {
+        assert!(Gilbert::with_bursts(0.8, 4.0).is_ok() && Gilbert::with_bursts(0.0, 1.0).is_ok());
+        for (loss, burst, words) in
+            [(0.8, 3.0, "burst must be at least loss / (1 - loss) = 4"), (1.0, 9.0, "loss must be below 1")]
+        {
+            let error = Gilbert::with_bursts(loss, burst).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
         }
     }
 

@@ -8,30 +8,45 @@
 //! `gilbert(0.1, 0.3) + level(0.9)`. Links of your own need no such line: [`Links::chain`] takes any.
 
 mod asymmetric;
+mod budget;
 mod delay;
 mod fates;
+mod gemodel;
 mod gilbert;
+mod jam;
+mod latency;
 mod level;
 mod links;
 mod matrix;
+mod netem;
+mod range;
 mod registry;
 mod spec;
+mod tdma;
+mod trace;
 mod uniform;
 
 use glam::DVec2;
 
 pub use asymmetric::Asymmetric;
+pub use budget::Budget;
 pub use delay::Delay;
 pub use fates::Fates;
+pub use gemodel::Gemodel;
 pub use gilbert::Gilbert;
+pub use jam::Jam;
+pub use latency::Latency;
 pub use level::Level;
 pub(crate) use level::complement;
 pub use links::{LONGEST_DELAY, Links};
 pub use matrix::{CommunicationMatrix, Matrix};
+pub use range::Range;
 #[cfg(feature = "cli")]
 pub(crate) use registry::help;
 use registry::{Domain, Model, Parameter};
-pub use spec::LinkSpec;
+pub use spec::{LinkSpec, Site};
+pub use tdma::Tdma;
+pub use trace::{RadioLog, Trace};
 pub use uniform::Uniform;
 
 use crate::base::error::Result;

@@ -3,13 +3,17 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{CommunicationMatrix, Link, asymmetric, delay, gilbert, level, matrix, uniform};
+use super::{
+    CommunicationMatrix, Link, RadioLog, asymmetric, budget, delay, gemodel, gilbert, jam, latency, level,
+    matrix, range, tdma, trace, uniform,
+};
 use crate::base::error::Result;
 #[cfg(feature = "cli")]
 use crate::base::table::wrapped;
 use crate::usage;
 
-/// The models, in the order in which help and documentation name them.
+/// The models, in the order in which help and documentation name them. Two may share a name, with other parameters: the
+/// first is meant unless only the second has the parameters that are given, and the second is written with their names.
 pub static MODELS: &[Model] = &[
     level::MODEL,
     matrix::MODEL,
@@ -17,7 +21,16 @@ pub static MODELS: &[Model] = &[
     asymmetric::ASYMMETRIC,
     asymmetric::DYNAMIC,
     gilbert::MODEL,
+    gilbert::BURSTS,
+    gemodel::MODEL,
     delay::MODEL,
+    latency::MODEL,
+    range::MODEL,
+    budget::MODEL,
+    tdma::MODEL,
+    jam::TIME,
+    jam::PLACE,
+    trace::MODEL,
 ];
 
 /// A model of links as the registry knows it.
@@ -37,14 +50,14 @@ pub struct Model {
 }
 
 /// A parameter of a model.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// What it is called.
     pub name: &'static str,
     /// What it may be.
     pub domain: Domain,
-    /// Its value if none is given.
-    pub default: Option<f64>,
+    /// Its value if none is given, as one would write it.
+    pub default: Option<&'static str>,
 }
 
 /// What a parameter may be.
@@ -54,8 +67,12 @@ pub enum Domain {
     Number(&'static str, f64, f64),
     /// A whole number of this kind, from the least to the most.
     Whole(&'static str, f64, f64),
+    /// One of these words.
+    Word(&'static [&'static str]),
     /// A file with a [`CommunicationMatrix`].
     Matrix,
+    /// A file with a [`RadioLog`].
+    Log,
 }
 
 /// What a parameter is.
@@ -63,11 +80,28 @@ pub enum Domain {
 pub enum Argument {
     /// A number.
     Number(f64),
+    /// One of the words of its domain.
+    Word(&'static str),
     /// A matrix that has been read.
     Matrix(Arc<CommunicationMatrix>),
+    /// A log that has been read.
+    Log(Arc<RadioLog>),
 }
 
 impl Model {
+    /// Whether another model is meant by its name where no parameters are named.
+    pub(super) fn is_second(&self) -> bool {
+        let first = MODELS.iter().find(|model| model.name == self.name).expect("it is a model");
+        first.parameters != self.parameters
+    }
+
+    /// Whether these can be its arguments, as far as their number and names tell.
+    pub(super) fn fits(&self, written: &[&str]) -> bool {
+        let known = |name: &str| self.parameters.iter().any(|parameter| parameter.name == name.trim());
+        let named = written.iter().filter_map(|argument| argument.split_once('='));
+        written.len() <= self.parameters.len() && named.map(|(name, _)| name).all(known)
+    }
+
     /// The name and its parameters: `gilbert(p, r)`.
     pub fn signature(&self) -> String {
         let parameters = self.parameters.iter().map(|parameter| match parameter.default {
@@ -96,9 +130,19 @@ impl Domain {
                 Ok(value) if (least..=most).contains(&value) => Ok(Argument::Number(value)),
                 _ => Err(usage!("`{text}` is not a whole number of {kind} from {least} to {most}")),
             },
+            Domain::Word(words) => match words.iter().find(|word| **word == text) {
+                Some(word) => Ok(Argument::Word(word)),
+                None => Err(usage!("`{text}` is not {}", words.join(" or "))),
+            },
             Domain::Matrix => CommunicationMatrix::read(Path::new(text), agents)
                 .map(|matrix| Argument::Matrix(Arc::new(matrix))),
+            Domain::Log => RadioLog::read(Path::new(text), agents).map(|log| Argument::Log(Arc::new(log))),
         }
+    }
+
+    /// Whether it is a file.
+    pub(super) fn is_file(&self) -> bool {
+        matches!(self, Domain::Matrix | Domain::Log)
     }
 }
 
@@ -110,7 +154,18 @@ impl Argument {
     pub fn number(&self) -> f64 {
         match self {
             Argument::Number(value) => *value,
-            Argument::Matrix(_) => panic!("the parameter is a matrix"),
+            other => panic!("the parameter is no number: {other:?}"),
+        }
+    }
+
+    /// The word.
+    ///
+    /// # Panics
+    /// If its parameter is none.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Argument::Word(word) => word,
+            other => panic!("the parameter is no word: {other:?}"),
         }
     }
 
@@ -121,7 +176,18 @@ impl Argument {
     pub fn matrix(&self) -> &Arc<CommunicationMatrix> {
         match self {
             Argument::Matrix(matrix) => matrix,
-            Argument::Number(_) => panic!("the parameter is a number"),
+            other => panic!("the parameter is no matrix: {other:?}"),
+        }
+    }
+
+    /// The log.
+    ///
+    /// # Panics
+    /// If its parameter is none.
+    pub fn log(&self) -> &Arc<RadioLog> {
+        match self {
+            Argument::Log(log) => log,
+            other => panic!("the parameter is no log: {other:?}"),
         }
     }
 }
@@ -129,12 +195,17 @@ impl Argument {
 /// What `--links` takes, for people.
 #[cfg(feature = "cli")]
 pub fn help() -> String {
-    let widest = MODELS.iter().map(|model| model.signature().len()).max().unwrap_or_default();
-    let line = |model: &Model| format!("  {:<widest$}  {}", model.signature(), model.about);
+    // Those with many parameters take a line for themselves.
+    let widest = MODELS.iter().map(|model| model.signature().len()).filter(|width| *width < 30).max();
+    let widest = widest.unwrap_or_default();
+    let line = |model: &Model| match model.signature() {
+        long if long.len() > widest => format!("  {long}\n{:widest$}    {}", "", model.about),
+        short => format!("  {short:<widest$}  {}", model.about),
+    };
     let lines: Vec<String> = MODELS.iter().map(|model| wrapped(&line(model), widest + 4)).collect();
     format!(
         "Links, alone or in a chain such as 'gilbert(0.1, 0.3) + delay(1, 1)', which\ndelivers what all its links \
-         deliver:\n{}",
+         deliver:\n{}\nOr what netem takes, such as 'loss gemodel 10% 30% delay 20ms 5ms'.",
         lines.join("\n")
     )
 }
@@ -145,9 +216,9 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn every_model_is_named_once_and_its_defaults_come_last() {
-        let names: BTreeSet<&str> = MODELS.iter().map(|model| model.name).collect();
-        assert_eq!(names.len(), MODELS.len());
+    fn every_model_can_be_told_from_others_and_its_defaults_come_last() {
+        let signatures: BTreeSet<String> = MODELS.iter().map(Model::signature).collect();
+        assert_eq!(signatures.len(), MODELS.len());
         for model in MODELS {
             let optional = model.parameters.iter().skip_while(|parameter| parameter.default.is_none());
             assert!(

@@ -2,11 +2,37 @@
 
 use std::fmt;
 use std::path::Path;
+use std::sync::Arc;
 
-use super::registry::{Argument, Domain, MODELS, Model, Parameter};
-use super::{CommunicationMatrix, Links};
+use super::registry::{Argument, MODELS, Model, Parameter};
+use super::{CommunicationMatrix, Links, RadioLog, netem};
 use crate::base::error::Result;
+use crate::base::regular;
+use crate::environment::Spec;
 use crate::usage;
+
+/// Where links are: what it takes to read them.
+#[derive(Clone, Copy, Debug)]
+pub struct Site {
+    /// Size of the team.
+    pub agents: usize,
+    /// Seconds from one tick to the next, for times in seconds; `None` where nobody knows.
+    pub tick: Option<f64>,
+}
+
+impl From<usize> for Site {
+    /// A team of so many, somewhere.
+    fn from(agents: usize) -> Site {
+        Site { agents, tick: None }
+    }
+}
+
+impl From<&Spec> for Site {
+    /// In lockstep a tick is a step of the environment.
+    fn from(spec: &Spec) -> Site {
+        Site { agents: spec.n_agents(), tick: Some(spec.dt) }
+    }
+}
 
 /// Models of the registry in a chain, each with its arguments: the data from which links are built.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,19 +49,24 @@ struct Part {
 }
 
 impl LinkSpec {
-    /// Reads models with their arguments in parentheses, in order or by name (`level(p=0.5)`), and `+` between them,
-    /// for a team of `agents`. The path of an existing file alone means `matrix(FILE)`.
+    /// Reads models with their arguments in parentheses, in order or by name (`level(p=0.5)`), and `+` between them. What
+    /// netem takes is one of them, too. The path of an existing file alone means `matrix(FILE)`, or `trace(FILE)` if the
+    /// file begins like a log.
     ///
     /// # Errors
     /// `Usage` if there is no such model, its arguments are wrong, or the links cannot be built.
-    pub fn parse(text: &str, agents: usize) -> Result<LinkSpec> {
-        let text = text.trim();
+    pub fn parse(text: &str, site: impl Into<Site>) -> Result<LinkSpec> {
+        let (text, site) = (text.trim(), site.into());
         if Path::new(text).is_file() {
-            return LinkSpec::of(&format!("matrix({text})"), agents);
+            return LinkSpec::of(&of_file(text)?, site.agents);
         }
+        let read = |part| match netem::translate(part, site.tick)? {
+            Some(links) => LinkSpec::parse(&links, site),
+            None => LinkSpec::of(part, site.agents),
+        };
         split(text, '+')
             .into_iter()
-            .map(|part| LinkSpec::of(part, agents))
+            .map(read)
             .reduce(|chain, part| chain?.then(part?))
             .expect("text has at least one part")
     }
@@ -46,6 +77,15 @@ impl LinkSpec {
     /// `Usage` if p is no probability.
     pub fn level(p: f64) -> Result<LinkSpec> {
         LinkSpec::parse(&format!("level({p})"), 1)
+    }
+
+    /// Links by the rows of a communication matrix.
+    ///
+    /// # Errors
+    /// `Usage` if these are none.
+    pub(crate) fn fixed(rows: &[Vec<f64>]) -> Result<LinkSpec> {
+        let matrix = Argument::Matrix(Arc::new(CommunicationMatrix::of(rows)?));
+        Ok(LinkSpec { parts: vec![Part { model: &super::matrix::MODEL, arguments: vec![matrix] }] })
     }
 
     /// These links, and others behind them.
@@ -83,11 +123,32 @@ impl LinkSpec {
         self.parts.iter().map(|part| part.model)
     }
 
+    /// The parameters that are numbers, with their values, in the order of the chain.
+    pub(crate) fn numbers(&self) -> Vec<(&'static str, f64)> {
+        let number = |(parameter, argument): (&Parameter, &Argument)| match argument {
+            Argument::Number(value) => Some((parameter.name, *value)),
+            _ => None,
+        };
+        let of_part = |part: &Part| {
+            let parameters = part.model.parameters.iter().zip(&part.arguments);
+            parameters.filter_map(number).collect::<Vec<_>>()
+        };
+        self.parts.iter().flat_map(of_part).collect()
+    }
+
     /// The matrices that have been read for it, in the order of the chain.
     pub fn matrices(&self) -> impl Iterator<Item = &CommunicationMatrix> {
         self.parts.iter().flat_map(|part| &part.arguments).filter_map(|argument| match argument {
             Argument::Matrix(matrix) => Some(&**matrix),
-            Argument::Number(_) => None,
+            _ => None,
+        })
+    }
+
+    /// The same of logs.
+    pub fn logs(&self) -> impl Iterator<Item = &RadioLog> {
+        self.parts.iter().flat_map(|part| &part.arguments).filter_map(|argument| match argument {
+            Argument::Log(log) => Some(&**log),
+            _ => None,
         })
     }
 
@@ -103,7 +164,7 @@ impl LinkSpec {
     /// What the links do, for people.
     pub(crate) fn about(&self) -> String {
         match &self.parts[..] {
-            [part] if part.arguments.iter().all(|argument| matches!(argument, Argument::Matrix(_))) => {
+            [part] if part.model.parameters.iter().all(|parameter| parameter.domain.is_file()) => {
                 part.model.about.to_owned()
             }
             _ => self.to_string(),
@@ -119,9 +180,14 @@ impl LinkSpec {
                 None => return Err(usage!("links `{text}`: a `)` is missing at the end")),
             },
         };
-        let model = MODELS.iter().find(|model| model.name == name).ok_or_else(|| unknown(name))?;
-        let arguments = read(model, inside.unwrap_or_default(), agents)
-            .map_err(|e| usage!("links `{text}`: {e}; expected {}: {}", model.signature(), model.about))?;
+        let inside = inside.unwrap_or_default();
+        let named: Vec<&Model> = MODELS.iter().filter(|model| model.name == name).collect();
+        let fits = named.iter().find(|model| model.fits(&split(inside, ',')));
+        let model = *fits.or(named.first()).ok_or_else(|| unknown(name))?;
+        let arguments = read(model, inside, agents).map_err(|e| {
+            let signatures: Vec<String> = named.iter().map(|model| model.signature()).collect();
+            usage!("links `{text}`: {e}; expected {}: {}", signatures.join(" or "), model.about)
+        })?;
         let spec = LinkSpec { parts: vec![Part { model, arguments }] };
         spec.try_build().map_err(|e| usage!("links `{text}`: {e}"))?;
         Ok(spec)
@@ -143,25 +209,44 @@ impl LinkSpec {
 
 impl PartialEq for Part {
     fn eq(&self, other: &Part) -> bool {
-        (self.model.name, &self.arguments) == (other.model.name, &other.arguments)
+        let signature = |part: &Part| (part.model.name, part.model.parameters);
+        signature(self) == signature(other) && self.arguments == other.arguments
     }
 }
 
 impl fmt::Display for LinkSpec {
     /// As it is read, but for the path of a matrix.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        for (position, Part { model, arguments }) in self.parts.iter().enumerate() {
-            let numbers = arguments.iter().filter_map(|argument| match argument {
-                Argument::Number(value) => Some(value.to_string()),
-                Argument::Matrix(_) => None,
-            });
-            let numbers: Vec<String> = numbers.collect();
-            let numbers =
-                if numbers.is_empty() { String::new() } else { format!("({})", numbers.join(", ")) };
-            write!(f, "{}{}{numbers}", if position == 0 { "" } else { " + " }, model.name)?;
-        }
-        Ok(())
+        let parts: Vec<String> = self.parts.iter().map(Part::to_string).collect();
+        f.write_str(&parts.join(" + "))
     }
+}
+
+impl fmt::Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Part { model, arguments } = self;
+        let written = model.parameters.iter().zip(arguments).filter_map(|(parameter, argument)| {
+            let value = match argument {
+                Argument::Number(value) => value.to_string(),
+                Argument::Word(word) => (*word).to_owned(),
+                Argument::Log(log) => log.path().to_owned(),
+                Argument::Matrix(_) => return None,
+            };
+            let named = || format!("{}={value}", parameter.name);
+            Some(model.is_second().then(named).unwrap_or(value))
+        });
+        let written: Vec<String> = written.collect();
+        f.write_str(model.name)?;
+        if written.is_empty() { Ok(()) } else { write!(f, "({})", written.join(", ")) }
+    }
+}
+
+/// The model that a file alone stands for.
+fn of_file(path: &str) -> Result<String> {
+    /// The most bytes that are looked at.
+    const BEGINNING: u64 = 64;
+    let is_log = RadioLog::is_log(&String::from_utf8_lossy(&regular::beginning(Path::new(path), BEGINNING)?));
+    Ok(format!("{}({path})", if is_log { "trace" } else { "matrix" }))
 }
 
 /// The arguments of a model: one for each parameter, in order.
@@ -170,7 +255,10 @@ fn read(model: &Model, text: &str, agents: usize) -> Result<Vec<Argument>> {
     let written = match model.parameters {
         _ if text.trim().is_empty() => Vec::new(),
         // A path may hold anything.
-        [Parameter { domain: Domain::Matrix, .. }] => vec![text.trim()],
+        [Parameter { domain, .. }] if domain.is_file() => vec![text.trim()],
+        _ if text.contains('[') => {
+            return Err(usage!("a list of values, as in `{text}`, is for `evaluate --links` alone"));
+        }
         _ => split(text, ','),
     };
     for (at, written) in written.into_iter().enumerate() {
@@ -192,7 +280,7 @@ fn read(model: &Model, text: &str, agents: usize) -> Result<Vec<Argument>> {
     let argument =
         |(Parameter { name, domain, default }, text): (&Parameter, Option<&str>)| match (text, default) {
             (Some(text), _) => domain.read(text, agents).map_err(|e| usage!("{name}: {e}")),
-            (None, Some(default)) => Ok(Argument::Number(*default)),
+            (None, Some(default)) => domain.read(default, agents),
             (None, None) => Err(usage!("`{name}` is missing")),
         };
     model.parameters.iter().zip(found).map(argument).collect()
@@ -240,6 +328,11 @@ mod tests {
             ("uniform", "uniform"),
             ("uniform()+level(1)", "uniform + level(1)"),
             ("dynamic + level(0.25)+asymmetric", "dynamic + level(0.25) + asymmetric"),
+            ("gilbert(0.1, 0.3)", "gilbert(0.1, 0.3)"),
+            ("gilbert(burst=10, loss=0.8)", "gilbert(loss=0.8, burst=10)"),
+            ("gemodel(0.1, 0.3, 1-k=0.2)", "gemodel(0.1, 0.3, 1, 0.2)"),
+            ("budget(64)", "budget(64, turns)"),
+            ("jam(3, 9) + jam(0, 0, 0.5)", "jam(3, 9) + jam(x=0, y=0, radius=0.5)"),
         ] {
             let spec = LinkSpec::parse(text, 3).unwrap();
             assert_eq!(spec.to_string(), canonical);
@@ -295,9 +388,27 @@ mod tests {
             ("level(nan)", "p: `nan` is not a probability"),
             ("level(0.5, 1)", "`1` is one argument too many"),
             ("level(0.5, p=1)", "`p` is given twice"),
+            ("level([0.5, 1])", "is for `evaluate --links` alone"),
             ("level(q=1)", "there is no parameter `q`"),
             ("level(0.5", "a `)` is missing"),
             ("uniform(1)", "`1` is one argument too many; expected uniform"),
+            (
+                "gilbert(0.8, 10)",
+                "r: `10` is not a probability from 0 to 1; expected gilbert(p, r) or gilbert(loss, burst)",
+            ),
+            ("gilbert(loss=0.8, burst=0.5)", "burst: `0.5` is not a number of steps from 1 to 1000000"),
+            ("gilbert(loss=0.8, burst=2)", "burst must be at least loss / (1 - loss) = 4"),
+            ("gilbert(loss=0.8, r=0.1)", "there is no parameter `loss`"),
+            ("gemodel(0.1, 0.3, 2)", "1-h: `2` is not a probability"),
+            ("range(-1)", "max: `-1` is not a number of metres from 0 to 1000000"),
+            ("range(1, sigma=-2)", "sigma: `-2` is not a variance in dB squared from 0 to 10000"),
+            ("budget(0)", "bytes: `0` is not a whole number of bytes from 1 to"),
+            ("budget(64, luck)", "who: `luck` is not turns or priority"),
+            ("tdma(65)", "slots: `65` is not a whole number of slots from 1 to 64"),
+            ("jam(9, 3)", "until must be above from = 9"),
+            ("jam(0, 0, radius=-1)", "radius: `-1` is not a number of metres from 0"),
+            ("latency(100, 1)", "up to 101 ticks"),
+            ("trace(no such file)", "no such file"),
             ("matrix(no such file)", "no such file"),
         ] {
             let error = LinkSpec::parse(text, 2).unwrap_err();

@@ -10,6 +10,7 @@ mod curves;
 mod drawing;
 mod figure;
 mod grid;
+mod links;
 mod panel;
 #[cfg(feature = "cli")]
 mod pdf;
@@ -18,4 +19,5 @@ mod svg;
 
 pub use curves::curves;
 pub use figure::Figure;
+pub use links::links;
 pub use panel::{Form, Panel, Point, Series};

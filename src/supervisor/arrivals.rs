@@ -11,7 +11,7 @@ use crate::link::Fates;
 /// other. If several from one sender arrive at once, only the newest is shown. One that is older than what its receiver
 /// has already seen of that sender is not shown. What is under way when the episode ends is lost.
 #[derive(Clone, Debug)]
-pub(super) struct Arrivals {
+pub(crate) struct Arrivals {
     agents: usize,
     /// The age at which the newest observation arrives at each of the steps to come, `[longest delay + 1, receiver,
     /// sender]`, the present step at `step` modulo their number.
@@ -28,7 +28,7 @@ pub(super) struct Arrivals {
 
 impl Arrivals {
     /// Nothing is under way in a team of `agents`, and nothing will be for longer than this.
-    pub(super) fn new(agents: usize, longest_delay: u8) -> Arrivals {
+    pub(crate) fn new(agents: usize, longest_delay: u8) -> Arrivals {
         let links = agents * agents;
         Arrivals {
             agents,
@@ -53,7 +53,7 @@ impl Arrivals {
     ///
     /// # Errors
     /// `Failed` if something is postponed by more than the longest delay.
-    pub(super) fn send(&mut self, fates: &Fates, mut arrived: impl FnMut(usize, &[u8])) -> Result<()> {
+    pub(crate) fn send(&mut self, fates: &Fates, mut arrived: impl FnMut(usize, &[u8])) -> Result<()> {
         let links = self.agents * self.agents;
         let steps = self.overtaken.len();
         for (link, fate) in fates.ticks().iter().enumerate().filter(|(_, fate)| **fate != NOT_ARRIVED) {

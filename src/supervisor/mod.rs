@@ -31,6 +31,7 @@ mod statistics;
 mod stderr;
 mod watcher;
 
+pub(crate) use arrivals::Arrivals;
 pub use audit::Audit;
 pub use chaos::{Event, Injected, Order};
 pub(crate) use chaos_spec::parse_duration;

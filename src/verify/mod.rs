@@ -1,6 +1,7 @@
 //! Recomputing recorded episodes and updates: what was recorded, what comes out here, and how far apart.
 
 mod kind;
+mod masks;
 mod trace;
 mod update;
 mod world;
@@ -111,6 +112,7 @@ fn verify_file(
             let recording = Recording::read(file)?;
             report.comparisons.extend(world::compare(file, &recording)?);
             if recording.is_trace() {
+                report.comparisons.extend(masks::compare(file, &recording)?);
                 report.comparisons.extend(trace::compare(file, &recording, policy)?);
             }
         }

@@ -47,6 +47,14 @@ fn requests_that_make_no_sense() {
     fail("spawn --links delay(101)", 2, &["ticks: `101` is not a whole number of ticks from 0 to 100"]);
     fail("spawn --links delay(60)+delay(60)", 2, &["up to 120 ticks", "kept for 100"]);
     fail("spawn --links level(2)", 2, &["p: `2` is not a probability from 0 to 1", "level(p)"]);
+    fail(
+        "spawn --links budget(31)",
+        2,
+        &["bytes = 31 is less than an observation of this team has, 32", "give 32 to 64"],
+    );
+    fail("spawn --links jam(9,9)", 2, &["until must be above from = 9"]);
+    fail("spawn --links gilbert(loss=0.8,burst=2)", 2, &["burst must be at least loss / (1 - loss) = 4"]);
+    fail("spawn --links range(-1)", 2, &["max: `-1` is not a number of metres from 0 to 1000000"]);
     fail("spawn --links level(0.5)+", 2, &["a model of links is missing"]);
     fail("spawn --in-process --wait spin", 2, &["--wait"]);
     fail("frobnicate", 2, &["frobnicate"]);

@@ -3,7 +3,7 @@
 use crate::common::{fail, succeed};
 use vamaro_swarm::agent::{Agent, AgentSettings, Inbox, Received};
 use vamaro_swarm::base::error::Result;
-use vamaro_swarm::environment::Task;
+use vamaro_swarm::environment::{Outcome, Task};
 use vamaro_swarm::link::{Context, Fates, Link, LinkSpec, Links};
 use vamaro_swarm::recording::Recording;
 use vamaro_swarm::supervisor::{Audit, Decisions, InProcess, Ledger, Session, Stage, Statistics, Team};
@@ -180,7 +180,7 @@ fn processes_and_none_see_the_same_and_traces_of_it_can_be_verified() {
         let [processes, none] =
             [("a.json", ""), ("b.json", "--in-process")].map(|(name, how)| trace(name, how));
         assert_eq!(std::fs::read(&processes).unwrap(), std::fs::read(&none).unwrap(), "{task}, {imputer}");
-        assert!(succeed(&format!("verify {}", processes.display())).contains("9 comparisons hold"));
+        assert!(succeed(&format!("verify {}", processes.display())).contains("10 comparisons hold"));
         let recording = Recording::read(&processes).unwrap();
         assert_eq!(recording.header.links.as_deref(), Some("level(0.9) + delay(2, 2)"));
         let ages =
@@ -204,4 +204,77 @@ fn against_the_clock_what_is_postponed_arrives_too() {
     let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert!(summary["delayed_rate"].as_f64().unwrap() > 0.0, "{text}");
     assert_eq!(summary["delayed_rate"], summary["delivery_rate"], "all takes two ticks, but for t = 0");
+}
+
+/// Returns of 40 episodes of spread-xy-2 in which all that is sent at t >= 1 arrives after so many ticks, and agents know
+/// that, or take it as if it were new.
+fn returns(imputer: &str, late: usize, as_if_new: bool) -> Vec<f64> {
+    let task = Task::parse("spread-xy-2").unwrap();
+    let (spec, mut world) = (task.spec(), task.environment(1));
+    let (agents, each) = (spec.n_agents(), spec.padded_obs_dim());
+    let settings = AgentSettings {
+        imputer: imputer.to_owned(),
+        greedy: true,
+        longest_delay: late as u8,
+        ..AgentSettings::of(spec)
+    };
+    let mut team: Vec<Agent> = (0..agents).map(|index| Agent::new(&settings, index).unwrap()).collect();
+    let mut outcome = Outcome::of(1, agents);
+    let mut episode = |episode| {
+        world.reset(0, 5, episode).unwrap();
+        team.iter_mut().for_each(|agent| agent.begin_episode(1));
+        let (mut sent, mut episode_return) = (Vec::new(), 0.0);
+        for step in 0..spec.episode_steps {
+            let mut observations = vec![0.0; agents * each];
+            world.observe(1, &mut observations).unwrap();
+            sent.push(observations);
+            let mut actions = Vec::new();
+            for agent in &mut team {
+                let index = agent.index();
+                let inbox = Inbox::of(agents, |sender| {
+                    let at_once = step == 0 || sender == index;
+                    let then =
+                        if at_once { step } else { step.checked_sub(late).filter(|then| *then > 0)? };
+                    let age = if as_if_new { 0 } else { (step - then) as u8 };
+                    Some(Received { age, observation: &sent[then][sender * each..][..each] })
+                });
+                agent.fuse(0, &sent[step][index * each..][..each], &inbox);
+                agent.act(episode, step as u32, &[0.5]);
+                actions.extend_from_slice(agent.actions());
+            }
+            world.step(&actions, &[true], &mut outcome).unwrap();
+            team.iter_mut().for_each(Agent::predict);
+            episode_return += spec.team_reward(&outcome.rewards);
+        }
+        episode_return
+    };
+    (0..40).map(&mut episode).collect()
+}
+
+/// The mean of some returns or differences, and two standard errors of it.
+fn estimate(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    (mean, 2.0 * (variance / n).sqrt())
+}
+
+#[test]
+fn moving_on_what_is_late_is_worth_it() {
+    for imputer in ["hold", "velocity", "value-aware", "dynamics"] {
+        for late in [2, 6] {
+            let [moved_on, as_if_new] = [false, true].map(|as_if_new| returns(imputer, late, as_if_new));
+            let gains: Vec<f64> = moved_on.iter().zip(&as_if_new).map(|(a, b)| a - b).collect();
+            let (gain, sure) = estimate(&gains);
+            let [with, without] = [&moved_on, &as_if_new].map(|returns| estimate(returns).0);
+            println!(
+                "{imputer}, {late} ticks late: {with:.1} moved on, {without:.1} as if new, {gain:+.1} +- {sure:.1}"
+            );
+            match imputer {
+                "hold" => assert_eq!(gain, 0.0, "it uses both alike"),
+                "dynamics" => assert!(gain > -sure, "{late}: {gain} +- {sure}"),
+                _ => assert!(gain > sure, "{imputer}, {late}: {gain} +- {sure}"),
+            }
+        }
+    }
 }

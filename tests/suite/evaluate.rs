@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::{self, Swarm, assert_gone, command, fail, run, stderr, succeed};
 use rustix::process::{Pid, Signal, kill_process};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// A sweep of a second or less.
 const SMALL: &str =
@@ -25,6 +25,51 @@ fn findings(results: &Value) -> Value {
 
 fn results(folder: &Path) -> Value {
     findings(&serde_json::from_str(&fs::read_to_string(folder.join("results.json")).unwrap()).unwrap())
+}
+
+#[test]
+fn one_parameter_of_links_may_be_swept() {
+    let folder = tempfile::tempdir().unwrap();
+    let words =
+        "evaluate builtin --task hear-see --levels 1,0.2 --imputers hold,dynamics --episodes 20 --in-process";
+    let sweep = |links: &[&str], more: &[&str]| {
+        let mut command = command(words);
+        for links in links {
+            command.args(["--links", links]);
+        }
+        command.args(more).output().unwrap()
+    };
+    let links = ["gilbert(loss=0.8, burst=[5,20])", "delay([0,4])"];
+    let output = sweep(&links, &["--json", "--report", folder.path().to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", common::stderr(&output));
+    let results: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let axis = &results["axes"][0];
+    assert_eq!((&axis["links"], &axis["parameter"]), (&json!(links[0]), &json!("burst")));
+    assert_eq!(axis["points"][1], json!({"value": 20.0, "condition": "gilbert(loss=0.8, burst=20)"}));
+    let group = &results["groups"][0];
+    let cells = group["imputers"][0]["cells"].as_array().unwrap();
+    let mean = |condition: Value| {
+        cells.iter().find(|cell| cell["condition"] == condition).unwrap()["mean"]["value"].as_f64().unwrap()
+    };
+    // Bursts of five steps are independent losses, draw for draw.
+    let [independent, level] = [json!("gilbert(loss=0.8, burst=5)"), json!({"level": 0.2})].map(mean);
+    assert_eq!(independent, level);
+    let profile = &group["profiles"][0];
+    assert_eq!((&profile["axis"], &profile["imputer"]), (&json!(0), &json!("hold")));
+    let difference = profile["differences"][0]["value"].as_f64().unwrap();
+    assert!((difference - (mean(json!("gilbert(loss=0.8, burst=20)")) - level)).abs() < 1e-9);
+    assert_eq!(group["profiles"].as_array().unwrap().len(), 4);
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    assert!(read("sweeps.svg").contains(">burst</text>"));
+    assert!(read("report.html").contains("Over burst, gilbert(loss=0.8, burst=[5,20])"));
+    assert!(!folder.path().join("modes.svg").exists(), "they are on axes");
+    // Without a list nothing of this is there.
+    let output = sweep(&["delay(4)"], &["--json"]);
+    assert!(!common::stderr(&output).contains("error"), "{}", common::stderr(&output));
+    let plain: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&plain["axes"], &plain["groups"][0]["profiles"]), (&Value::Null, &Value::Null));
+    let output = sweep(&["delay([0,4], [1,2])"], &[]);
+    assert!(common::stderr(&output).contains("only one parameter may have a list"));
 }
 
 #[test]

@@ -17,6 +17,7 @@ mod evaluate;
 mod foreign;
 mod help;
 mod imputers;
+mod links;
 mod lost_is_lost;
 mod parity;
 mod physics;

@@ -2,7 +2,7 @@
 
 use super::words;
 use crate::evaluate::grouping::distinct;
-use crate::evaluate::{CellSummary, Condition, Group, ImputerSummary, Interval};
+use crate::evaluate::{Axis, CellSummary, Condition, Group, ImputerSummary, Interval};
 use crate::plot::{Figure, Form, Panel, Point, Series};
 
 /// Score over p, a panel per group; mean return where there are no scores.
@@ -33,9 +33,36 @@ pub fn robustness(groups: &[Group], imputers: &[&str]) -> Figure {
     Figure { title: title(groups, "over p"), panels: panels.collect() }
 }
 
-/// The same without a fixed p: a panel per group and condition, a row per imputer.
-pub fn modes(groups: &[Group], imputers: &[&str]) -> Figure {
-    let is_mode = |condition: &Condition| condition.p().is_none();
+/// The same over the values of each axis: a panel per group and axis.
+pub fn sweeps(groups: &[Group], axes: &[Axis], imputers: &[&str]) -> Figure {
+    let panel = |group: &Group, axis: &Axis| {
+        let points = |imputer: &ImputerSummary| {
+            let points = axis.points.iter().filter_map(|at| {
+                let cell = words::cell(imputer, &at.condition)?;
+                Some(Point { x: at.value, ..point(outcome(group, cell)?) })
+            });
+            let mut points: Vec<Point> = points.collect();
+            points.sort_by(|a, b| a.x.total_cmp(&b.x));
+            points
+        };
+        Panel {
+            title: panel_title(groups, group, &axis.links),
+            x_label: axis.parameter.clone(),
+            y_label: what(group),
+            series: series(group, imputers, points),
+            x_ticks: axis.points.iter().map(|point| point.value).collect(),
+            own_range: true,
+            ..Panel::default()
+        }
+    };
+    let panels = groups.iter().flat_map(|group| axes.iter().map(move |axis| panel(group, axis)));
+    Figure { title: title(groups, "over a parameter of the links"), panels: panels.collect() }
+}
+
+/// The same without a fixed p, apart from axes: a panel per group and condition, a row per imputer.
+pub fn modes(groups: &[Group], axes: &[Axis], imputers: &[&str]) -> Figure {
+    let is_mode =
+        |condition: &Condition| condition.p().is_none() && !axes.iter().any(|axis| axis.has(condition));
     let value = |group: &Group, _: &ImputerSummary, cell: &CellSummary| outcome(group, cell);
     Figure {
         title: title(groups, "under other conditions"),
@@ -211,16 +238,16 @@ mod tests {
     fn modes_have_a_figure_of_their_own() {
         let (_, mut summary) = fixture::two_tasks();
         let imputers = ["value-aware", "maro", "hold"];
-        let figure = modes(&summary.groups, &imputers);
+        let figure = modes(&summary.groups, &[], &imputers);
         assert_eq!(titles(&figure), ["hear-see: mappo, dynamic", "spread-xy-2: mappo, dynamic"]);
-        assert_eq!(titles(&modes(&summary.groups[..1], &imputers)), ["dynamic"]);
+        assert_eq!(titles(&modes(&summary.groups[..1], &[], &imputers)), ["dynamic"]);
         let score = summary.groups[0].imputers[2].cells[3].score.unwrap();
         assert_eq!(figure.panels[0].series[2].points, [point(score)]);
         for imputer in summary.groups.iter_mut().flat_map(|group| &mut group.imputers) {
             imputer.cells.retain(|cell| cell.condition.p().is_none());
         }
         assert!(robustness(&summary.groups, &imputers).panels.is_empty());
-        assert_eq!(modes(&summary.groups, &imputers).panels.len(), 2);
+        assert_eq!(modes(&summary.groups, &[], &imputers).panels.len(), 2);
     }
 
     #[test]

@@ -71,6 +71,7 @@ pub fn played(
         tasks.iter().map(|(task, ..)| group(&evaluation, task, conditions, imputers)).collect();
     let summary = Summary {
         settings: evaluation.settings.clone(),
+        axes: Vec::new(),
         contenders: evaluation.contenders.clone(),
         aggregates: aggregates(&groups, conditions, imputers),
         groups,
@@ -221,6 +222,7 @@ fn group(evaluation: &Evaluation, task: &str, conditions: &[Condition], imputers
         baseline: baseline.map(str::to_owned),
         imputers: imputers.iter().map(imputer).collect(),
         losses: Vec::new(),
+        profiles: Vec::new(),
     }
 }
 

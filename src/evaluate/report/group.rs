@@ -5,7 +5,7 @@ use maud::{Markup, PreEscaped, html};
 use super::table::{Cell, Table, on_demand};
 use super::{figures, findings, words};
 use crate::evaluate::{
-    AgeErrors, Calibration, CellSummary, Comparison, Group, ImputerSummary, Interval, Summary,
+    AgeErrors, Axis, Calibration, CellSummary, Comparison, Group, ImputerSummary, Interval, Profile, Summary,
 };
 use crate::plot::Figure;
 
@@ -28,13 +28,18 @@ pub fn group(summary: &Summary, group: &Group) -> Markup {
         div.figures {
             // Of one group alone it is at the top of the page.
             @if !is_alone { (figure(&figures::robustness(groups, &imputers))) }
-            (figure(&figures::modes(groups, &imputers)))
+            (figure(&figures::sweeps(groups, &summary.axes, &imputers)))
+            (figure(&figures::modes(groups, &summary.axes, &imputers)))
             (figure(&figures::difference(groups, &imputers)))
         }
         (outcomes(group))
         (comparisons(group))
         h3 { "Over all p" }
         (over_p(group))
+        @for (at, axis) in summary.axes.iter().enumerate() {
+            h3 { "Over " (axis.parameter) ", " (axis.links) }
+            (over_axis(group, at, axis))
+        }
         @if !group.losses.is_empty() {
             h3 { "What the loss is made of" }
             @for loss in &group.losses { p { (words::loss(loss).join(" ")) } }
@@ -168,6 +173,33 @@ fn over_p(group: &Group) -> Markup {
     let intervals = table("The same, 95 % intervals.", &|imputer| {
         [ends(imputer.return_area, 1), ends(imputer.score_area, 3), ends(imputer.p_for_90, 2)]
     });
+    html! { (values.markup()) (on_demand("Intervals", &[intervals])) }
+}
+
+/// What the curves over an axis come to, and how far its points are from the first.
+fn over_axis(group: &Group, at: usize, axis: &Axis) -> Markup {
+    let profiles = words::profiles(group, at);
+    let areas = ["imputer", "area under the return", "area under the score"].map(str::to_owned).into_iter();
+    let others = (1..axis.points.len()).map(|at| words::value(axis, at));
+    let table = |caption: String, estimate: &dyn Fn(&Interval, usize) -> String| Table {
+        caption,
+        columns: areas.clone().chain(others.clone()).collect(),
+        rows: profiles
+            .iter()
+            .map(|Profile { imputer, return_area, score_area, differences, .. }| {
+                let score = score_area.map_or_else(Cell::none, |area| Cell::of(estimate(&area, 3)));
+                let differences = differences.iter().map(|of| Cell::of(estimate(of, 1)));
+                let cells = [Cell::of(estimate(return_area, 1)), score].into_iter().chain(differences);
+                (imputer.clone(), cells.collect())
+            })
+            .collect(),
+    };
+    let caption = format!(
+        "What the curves come to, and the paired differences of return to {}.",
+        words::value(axis, 0)
+    );
+    let values = table(caption, &|interval, decimals| words::number(interval.value, decimals));
+    let intervals = table("The same, 95 % intervals.".to_owned(), &words::ends);
     html! { (values.markup()) (on_demand("Intervals", &[intervals])) }
 }
 

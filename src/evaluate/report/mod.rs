@@ -43,7 +43,7 @@ pub struct Provenance {
 }
 
 /// Writes an evaluation into a folder that exists: `report.html`, `results.json`, `marl-eval.json`, `summary.csv`,
-/// `episodes.csv`, `errors.csv`, `table.md`, and those of `robustness.svg`, `modes.svg`, `difference.svg` and
+/// `episodes.csv`, `errors.csv`, `table.md`, and those of `robustness.svg`, `sweeps.svg`, `modes.svg`, `difference.svg` and
 /// `error-by-age.svg` that have something to show; for a paper the same as PDF. Returns where they are.
 ///
 /// # Errors
@@ -58,7 +58,8 @@ pub fn write(
     let imputers = words::imputers(summary);
     let figures = [
         ("robustness", figures::robustness(&summary.groups, &imputers)),
-        ("modes", figures::modes(&summary.groups, &imputers)),
+        ("sweeps", figures::sweeps(&summary.groups, &summary.axes, &imputers)),
+        ("modes", figures::modes(&summary.groups, &summary.axes, &imputers)),
         ("difference", figures::difference(&summary.groups, &imputers)),
         ("error-by-age", figures::error_by_age(&summary.groups, &imputers)),
     ];

@@ -2,7 +2,9 @@
 
 use super::words;
 use crate::base::table::{counted, table, tables, wrapped};
-use crate::evaluate::{CellSummary, Comparison, Condition, Group, ImputerSummary, Interval, Summary};
+use crate::evaluate::{
+    Axis, CellSummary, Comparison, Condition, Group, ImputerSummary, Interval, Profile, Summary,
+};
 
 const ORACLES: &str = "NAME+oracle:PART is not an imputer: its agents are told that part of the truth,\nand NAME imputes the rest\n";
 
@@ -19,7 +21,9 @@ pub fn text(summary: &Summary) -> String {
         );
         let random = format!("\nuniform actions {}\n\n", words::plus_minus(&group.random, 1));
         let heading = wrapped(&heading, 2) + &random;
-        [heading, outcomes(group), overall(group), differences(group), losses(group)].concat()
+        let axes: String =
+            summary.axes.iter().enumerate().map(|(at, axis)| over_axis(group, at, axis)).collect();
+        [heading, outcomes(group), overall(group), differences(group), axes, losses(group)].concat()
     });
     let claims = summary.claims.iter().map(|claims| wrapped(&words::claim(claims), 2) + "\n");
     let legend = "x +- y: half the width of the 95 % interval, over episodes of these policies;\n\
@@ -83,14 +87,34 @@ fn differences(group: &Group) -> String {
         let at = |p: &f64| imputer.cells.iter().find(|cell| cell.condition.p() == Some(*p));
         let comparisons = levels.iter().map(|p| at(p).and_then(|cell| cell.comparison));
         let words = comparisons.map(|comparison| {
-            comparison.map_or("-".to_owned(), |Comparison { difference, .. }| {
-                let half = (difference.high - difference.low) / 2.0;
-                format!("{} +- {}", words::signed(difference.value, 1), words::number(half, 1))
-            })
+            comparison.map_or("-".to_owned(), |Comparison { difference, .. }| signed(&difference))
         });
         std::iter::once(words::played(group, imputer)).chain(words).collect()
     });
     format!("\n{}", tables(&header, &rows.collect::<Vec<_>>()))
+}
+
+/// Areas over an axis, and differences to its first value.
+fn over_axis(group: &Group, at: usize, axis: &Axis) -> String {
+    let heading = format!("over {}", axis.parameter);
+    let others =
+        (1..axis.points.len()).map(|at| format!("{}, vs {}", words::value(axis, at), axis.points[0].value));
+    let header = [heading, "return area".to_owned(), "score area".to_owned()].into_iter().chain(others);
+    let header: Vec<String> = header.collect();
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
+    let row = |Profile { imputer, return_area, score_area, differences, .. }: &&Profile| {
+        let score = score_area.map_or("-".to_owned(), |area| words::plus_minus(&area, 3));
+        let areas = [imputer.clone(), words::plus_minus(return_area, 1), score].into_iter();
+        areas.chain(differences.iter().map(signed)).collect()
+    };
+    let rows: Vec<Vec<String>> = words::profiles(group, at).iter().map(row).collect();
+    format!("\n{}\n{}", axis.links, tables(&header, &rows))
+}
+
+/// A difference and half the width of its interval.
+fn signed(difference: &Interval) -> String {
+    let half = (difference.high - difference.low) / 2.0;
+    format!("{} +- {}", words::signed(difference.value, 1), words::number(half, 1))
 }
 
 /// What a curve over levels comes to.

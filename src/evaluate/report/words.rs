@@ -4,8 +4,8 @@ use crate::agent::Truth;
 use crate::environment::Unit;
 use crate::evaluate::grouping::distinct;
 use crate::evaluate::{
-    AgeErrors, CellSummary, Claims, Condition, Explained, Group, ImputerSummary, Interval, Loss, Summary,
-    UnitErrors,
+    AgeErrors, Axis, CellSummary, Claims, Condition, Explained, Group, ImputerSummary, Interval, Loss,
+    Profile, Summary, UnitErrors,
 };
 
 /// `p = 0.2`, or the text of the links.
@@ -14,6 +14,16 @@ pub fn condition(condition: &Condition) -> String {
         Some(p) => format!("p = {p}"),
         None => condition.name().to_owned(),
     }
+}
+
+/// `burst = 10`.
+pub fn value(axis: &Axis, at: usize) -> String {
+    format!("{} = {}", axis.parameter, axis.points[at].value)
+}
+
+/// The profiles of a group along an axis.
+pub fn profiles(group: &Group, axis: usize) -> Vec<&Profile> {
+    group.profiles.iter().filter(|profile| profile.axis == axis).collect()
 }
 
 /// The conditions a group was played under.

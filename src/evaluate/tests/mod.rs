@@ -39,7 +39,7 @@ fn random(task: &str, returns: &[f64]) -> RandomTeam {
 fn evaluation(contenders: Vec<Contender>, random: Vec<RandomTeam>, cells: Vec<Cell>) -> Evaluation {
     let episodes = cells[0].outcome.returns.len() as u64;
     let settings = Settings { episodes, ..Settings::default() };
-    Evaluation { settings, contenders, random, cells }
+    Evaluation { settings, axes: Vec::new(), contenders, random, cells }
 }
 
 /// Two seeds at three levels and in a mode. What is said of it below is worked by hand.
