@@ -70,6 +70,7 @@
 //! | `evaluate` | how robust frozen policies are: sweeps, statistics, a report |
 //! | `latency` | how long hops, ticks and decisions take, beside what others do |
 //! | `verify` | recomputes recorded episodes and updates |
+//! | `view` | a swarm seen live in a terminal |
 //! | [`cli`] | one file per command |
 
 #![warn(clippy::match_bool, clippy::unwrap_used)]
@@ -103,6 +104,8 @@ pub mod supervisor;
 pub mod train;
 #[cfg(feature = "cli")]
 pub(crate) mod verify;
+#[cfg(feature = "cli")]
+pub(crate) mod view;
 
 pub use embed::run_if_agent;
 pub use swarm::{EnvironmentChoice, LinkChoice, Swarm, SwarmBuilder};

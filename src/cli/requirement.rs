@@ -126,6 +126,7 @@ mod tests {
             punctuality: None,
             faults: Some(&faults),
             injected: None,
+            steered: None,
         };
         let requirements = ["deaths<=1", "hangs<=0", "rate>=100"].map(|text| text.parse().unwrap());
         let error = check(&requirements, &outcome).unwrap_err();

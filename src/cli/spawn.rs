@@ -22,8 +22,9 @@ use crate::nn::{Policy, PolicyFile};
 use crate::recording::RecordingHeader;
 use crate::supervisor::{
     AgentCommand, Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure,
-    Processes, Recorder, Session, Statistics, Team, parse_duration, signals,
+    Processes, Recorder, Session, Statistics, Steered, Team, parse_duration, signals,
 };
+use crate::view::{Camera, Facts, Live};
 use crate::{failed, usage};
 
 /// Start a swarm, play episodes, and report how the team did
@@ -142,6 +143,13 @@ pub struct Spawn {
     #[arg(long, value_name = "REQUIREMENT", help_heading = FAULTS)]
     require: Vec<Requirement>,
 
+    /// Show the swarm in the terminal as it plays, at the pace of its world (10 ticks per second in the built-in tasks) or,
+    /// with --rate, at its own. The last line lists the keys: pause, step, speed, p, kill, ..; docs/viewing.md explains
+    /// the rest
+    #[cfg(feature = "view")]
+    #[arg(long)]
+    view: bool,
+
     /// Count each part of each policy input as own, received or imputed, and compare it with what was
     /// sent
     #[arg(long)]
@@ -197,6 +205,10 @@ impl Spawn {
                 "--chaos needs --worlds 1: an agent is one process for all worlds, and a kill would hit them all"
             ));
         }
+        #[cfg(feature = "view")]
+        let live = self.view.then(Live::prepare).transpose()?;
+        #[cfg(not(feature = "view"))]
+        let live = None;
         let recorder = match &self.record {
             Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
             None => None,
@@ -216,7 +228,7 @@ impl Spawn {
         };
         let (mut punctuality, mut faults) = (None, None);
         let played = if self.in_process {
-            self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder)?
+            self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder, live)?
         } else {
             let mut team = Processes::start(&settings, &policy, self.conduct(&settings, scheduling)?)?;
             summary.scheduling = team.grants().cloned();
@@ -230,7 +242,7 @@ impl Spawn {
             if let Some(refused) = team.grants().and_then(Grants::refused) {
                 tell(&format!("note: {refused}"));
             }
-            let played = self.play(&mut team, &summary, recorder)?;
+            let played = self.play(&mut team, &summary, recorder, live)?;
             (punctuality, faults) = (team.punctuality().cloned(), Some(team.faults().clone()));
             played
         };
@@ -240,6 +252,7 @@ impl Spawn {
             punctuality: punctuality.as_ref(),
             faults: faults.as_ref(),
             injected: played.injected,
+            steered: played.steered.as_ref(),
         };
         if self.json {
             print_json(&summary.json(&outcome))?;
@@ -282,16 +295,29 @@ impl Spawn {
         team: &mut impl Team,
         summary: &Summary,
         mut recorder: Option<Recorder>,
+        mut live: Option<Live>,
     ) -> Result<Played> {
         if !self.json {
             print(&summary.first_lines())?;
         }
-        let links = summary.links.build().sharing_at_start(summary.comm_at_t0);
+        let mut links = summary.links.build().sharing_at_start(summary.comm_at_t0);
+        let level = links.dial().copied();
         let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed);
         if let Some(chaos) = self.chaos {
             session = session.with_chaos(chaos, Duration::from_secs_f64(self.tick(summary.task)))?;
         }
-        let bar = progress_bar(self.episodes);
+        let (film, control) = match &mut live {
+            Some(live) => Some(live.begin(self.facts(summary, level))?).unzip(),
+            None => (None, None),
+        };
+        session = match control {
+            Some(control) => session.steered_by(control),
+            None => session,
+        };
+        let bar = match film {
+            Some(_) => ProgressBar::hidden(),
+            None => progress_bar(self.episodes),
+        };
         let mut ledger = Ledger::telling(|statistics| {
             if !bar.is_hidden() {
                 bar.set_message(progress_words(statistics));
@@ -299,14 +325,26 @@ impl Spawn {
             bar.set_position(statistics.finished());
         });
         let mut audit = self.audit.then(Audit::default);
-        let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
+        let mut camera;
+        let mut observers: Vec<&mut dyn Observer> = match film {
+            Some(film) => {
+                camera = Camera::new(&summary.settings.spec, &mut ledger, film);
+                vec![&mut camera]
+            }
+            None => vec![&mut ledger],
+        };
         observers.extend(audit.as_mut().map(|audit| audit as &mut dyn Observer));
         observers.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
         let ended = session.play(team, self.episodes, &mut observers);
         let statistics = ledger.into_statistics();
         bar.finish_and_clear();
+        live.into_iter().for_each(Live::close);
         let played = statistics.finished();
+        let steered = session.steered().cloned();
         let ended = match ended {
+            Ok(()) if played == 0 => {
+                return Err(Error::Interrupted("ended before an episode was over".to_owned()));
+            }
             Ok(()) => recorder.map_or(Ok(()), Recorder::finish),
             // What is finished is worth reporting; half a recording is worth nothing.
             Err(e) if played == 0 => return Err(e),
@@ -315,7 +353,23 @@ impl Spawn {
             }
             Err(e) => Err(e.and(format!("{played} of {} episodes were finished", self.episodes))),
         };
-        Ok(Played { statistics, audit, injected: session.injected(), ended })
+        Ok(Played { statistics, audit, injected: session.injected(), steered, ended })
+    }
+
+    /// What there is to know for whoever watches.
+    fn facts(&self, summary: &Summary, level: Option<f64>) -> Facts {
+        let settings = summary.settings;
+        let facts = Facts::of(&settings.spec);
+        Facts {
+            episodes: self.episodes,
+            worlds: settings.worlds,
+            imputer: settings.imputer.clone(),
+            links: summary.links.p().map_or(summary.links.to_string(), |_| String::new()),
+            pace: facts.pace.filter(|_| self.rate.is_none()),
+            level,
+            recorded: self.record.is_some(),
+            ..facts
+        }
     }
 
     fn find_task(&self, policy: &PolicySource) -> Result<Task> {
@@ -434,6 +488,8 @@ struct Played {
     statistics: Statistics,
     audit: Option<Audit>,
     injected: Option<Injected>,
+    /// What was changed by hand, if somebody could.
+    steered: Option<Steered>,
     /// Why not all of them were, if so.
     ended: Result<()>,
 }

@@ -10,7 +10,7 @@ use crate::bus::Wait;
 use crate::environment::Task;
 use crate::link::{CommunicationMatrix, LinkSpec, complement};
 use crate::nn::Meta;
-use crate::supervisor::{AgentCommand, Audit, ChaosSpec, Faults, Injected, Punctuality, Statistics};
+use crate::supervisor::{AgentCommand, Audit, ChaosSpec, Faults, Injected, Punctuality, Statistics, Steered};
 
 /// What was asked for. With what came of it, it makes a summary.
 pub(super) struct Summary<'a> {
@@ -42,6 +42,8 @@ pub(super) struct Outcome<'a> {
     pub(super) faults: Option<&'a Faults>,
     /// `None` without chaos.
     pub(super) injected: Option<Injected>,
+    /// `None` where nobody could change anything.
+    pub(super) steered: Option<&'a Steered>,
 }
 
 impl Summary<'_> {
@@ -80,7 +82,7 @@ impl Summary<'_> {
 
     /// The rest, for people.
     pub(super) fn text(&self, outcome: &Outcome) -> String {
-        let Outcome { statistics, audit, punctuality, faults, injected } = *outcome;
+        let Outcome { statistics, audit, punctuality, faults, injected, steered } = *outcome;
         let actions = if self.settings.greedy { "greedy" } else { "sampled" };
         let returned = match statistics.return_ci95() {
             Some(ci) => format!("{:.1} +- {ci:.1} (mean, 95 % interval)", statistics.return_mean()),
@@ -116,6 +118,9 @@ impl Summary<'_> {
             let (_, due) = statistics.missed_of_due();
             lines.push(("absent", format!("in {} of {due} agent ticks", statistics.absent())));
         }
+        lines.extend(
+            steered.and_then(|steered| self.hand_words(steered, statistics)).map(|words| ("by hand", words)),
+        );
         lines.extend(self.scheduling.as_ref().map(|grants| ("scheduling", grants.to_string())));
         lines.extend(audit.map(|audit| ("audit", audit.to_string())));
         lines.into_iter().map(|(name, words)| line(name, &words)).collect()
@@ -131,6 +136,19 @@ impl Summary<'_> {
                 100.0 * outdated
             )
         })
+    }
+
+    /// What somebody changed while it ran, if anything: the same command gives another run.
+    fn hand_words(&self, steered: &Steered, statistics: &Statistics) -> Option<String> {
+        let Steered { level, levels, kills, stops, ended } = *steered;
+        let set = level.map(|p| format!("p set {}, last to {p}", counted(levels, "time")));
+        let killed = (kills > 0).then(|| counted(kills, "kill"));
+        let stopped = (stops > 0).then(|| counted(stops, "stop"));
+        let ended = ended.then(|| {
+            format!("ended after {} of {}", statistics.finished(), counted(self.episodes, "episode"))
+        });
+        let words: Vec<String> = [set, killed, stopped, ended].into_iter().flatten().collect();
+        (!words.is_empty()).then(|| words.join(", "))
     }
 
     fn policy_words(&self) -> String {
@@ -155,7 +173,7 @@ impl Summary<'_> {
 
     /// The same for programs, see `docs/formats.md`.
     pub(super) fn json(&self, outcome: &Outcome) -> Value {
-        let Outcome { statistics, audit, punctuality, faults, injected } = *outcome;
+        let Outcome { statistics, audit, punctuality, faults, injected, steered } = *outcome;
         let Summary { task, settings, .. } = self;
         let p = self.links.p();
         let mut summary = json!({
@@ -205,6 +223,9 @@ impl Summary<'_> {
         }
         if let Some((chaos, injected)) = self.chaos.zip(injected) {
             summary["chaos"] = json!({"spec": chaos, "kills": injected.kills, "stops": injected.stops});
+        }
+        if let Some(steered) = steered.filter(|steered| **steered != Steered::default()) {
+            summary["steered"] = json!(steered);
         }
         summary
     }

@@ -32,6 +32,10 @@ impl Link for Level {
     fn level(&self, _address: &Address) -> Option<f64> {
         Some(self.p)
     }
+
+    fn dial(&mut self) -> Option<&mut f64> {
+        Some(&mut self.p)
+    }
 }
 
 /// Loses what is not delivered with the probability `p(receiver, sender)`. The draws are the same for all models that

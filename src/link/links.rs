@@ -64,6 +64,11 @@ impl Links {
         self.chain.iter().map(|link| link.longest_delay()).sum()
     }
 
+    /// The probability of the first level in the chain, to be changed while it plays; `None` if there is no level.
+    pub(crate) fn dial(&mut self) -> Option<&mut f64> {
+        self.chain.iter_mut().find_map(|link| link.dial())
+    }
+
     /// The one probability with which every link delivers in an episode, if there is one.
     pub(crate) fn level_of(&self, seed: u64, episode: u64) -> Option<f64> {
         let positions = self.chain.iter().zip(0..);

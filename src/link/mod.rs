@@ -74,6 +74,12 @@ pub trait Link: std::fmt::Debug + Send {
     fn level(&self, _address: &Address) -> Option<f64> {
         None
     }
+
+    /// The probability of delivery, if it is one for all links that may be changed between steps: somebody watches, and
+    /// turns it.
+    fn dial(&mut self) -> Option<&mut f64> {
+        None
+    }
 }
 
 /// Where the draws of a link are.

@@ -111,16 +111,10 @@ fn sum_imputation_errors(
     world: usize,
     episode: &mut EpisodeStatistics,
 ) {
-    let (agents, joint, unique) = (spec.n_agents(), spec.joint_dim(), spec.unique_dim());
-    for agent in decisions.present(agents) {
-        let row = agent * tick.worlds + world;
-        let used = decisions.used(tick, agent, world);
-        for sender in (0..agents).filter(|sender| used[*sender] != 0) {
-            let imputed = &decisions.estimates[row * joint + sender * unique..][..unique];
-            let truth = &tick.observation(spec, sender, world)[..unique];
-            let squares = imputed.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));
-            episode.squared_error += squares.sum::<f64>();
-            episode.imputed += unique as u64;
+    for agent in decisions.present(spec.n_agents()) {
+        for squared_error in decisions.imputation_errors(spec, tick, agent, world) {
+            episode.squared_error += squared_error;
+            episode.imputed += spec.unique_dim() as u64;
         }
     }
 }

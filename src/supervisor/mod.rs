@@ -10,6 +10,7 @@ mod chaos;
 mod chaos_spec;
 mod clock;
 mod command;
+mod control;
 mod deadlines;
 mod draws;
 mod examination;
@@ -37,6 +38,7 @@ pub use chaos::{Event, Injected, Order};
 pub(crate) use chaos_spec::parse_duration;
 pub use chaos_spec::{ChaosSpec, Injection};
 pub use command::AgentCommand;
+pub use control::{Command, Control, Steered};
 pub use deadlines::Deadlines;
 pub use examination::{Check, Examination};
 pub use in_process::InProcess;
@@ -52,6 +54,8 @@ pub use roster::{Faults, OnFailure};
 pub use session::Session;
 pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
+#[cfg(feature = "view")]
+pub(crate) use stderr::{hold_words, release_words};
 
 use self::draws::ActionDraws;
 use self::roster::members_of;
@@ -266,6 +270,23 @@ impl Decisions {
                 Err(failed!("agent-{late} was too late for agent-{agent}; ending the swarm"))
             }
         }
+    }
+
+    /// What one agent in one world imagined of each peer it did not hear: the sum of its squared errors.
+    pub(crate) fn imputation_errors(
+        &self,
+        spec: &Spec,
+        tick: &Tick,
+        agent: usize,
+        world: usize,
+    ) -> impl Iterator<Item = f64> {
+        let (joint, unique, used) = (spec.joint_dim(), spec.unique_dim(), self.used(tick, agent, world));
+        let estimate = &self.estimates[(agent * tick.worlds + world) * joint..][..joint];
+        (0..tick.agents).filter(|sender| used[*sender] != 0).map(move |sender| {
+            let (imputed, truth) = (&estimate[sender * unique..], tick.observation(spec, sender, world));
+            let squares = imputed.iter().zip(&truth[..unique]).map(|(a, b)| f64::from(a - b).powi(2));
+            squares.sum()
+        })
     }
 
     /// How old what had reached one agent in one world was, by sender.

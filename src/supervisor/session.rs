@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::chaos::Chaos;
-use super::{ChaosSpec, Decisions, Injected, Observer, Stage, Team, signals};
+use super::{ChaosSpec, Control, Decisions, Injected, Observer, Order, Stage, Steered, Team, Tick, signals};
 use crate::base::error::Result;
 use crate::environment::Environment;
 use crate::link::Links;
@@ -14,13 +14,22 @@ use crate::usage;
 pub struct Session {
     stage: Stage,
     chaos: Option<Chaos>,
+    control: Option<Control>,
+    /// What is to happen to agents before the next tick.
+    orders: Vec<Order>,
     decisions: Decisions,
 }
 
 impl Session {
     /// A session in all worlds of an environment.
     pub fn new(environment: Box<dyn Environment>, links: Links, seed: u64) -> Session {
-        Session { stage: Stage::new(environment, links, seed), chaos: None, decisions: Decisions::default() }
+        Session {
+            stage: Stage::new(environment, links, seed),
+            chaos: None,
+            control: None,
+            orders: Vec::new(),
+            decisions: Decisions::default(),
+        }
     }
 
     /// Kills and stops agents on purpose, by draws that depend on seed, episode and step alone. `tick` says how many ticks
@@ -46,6 +55,18 @@ impl Session {
         self.chaos.as_ref().map(Chaos::injected)
     }
 
+    /// Does what it is told between ticks. In real time a session cannot stand still: what is not played in time is left
+    /// out.
+    pub fn steered_by(mut self, control: Control) -> Session {
+        self.control = Some(control);
+        self
+    }
+
+    /// What was changed by hand so far; `None` without a control.
+    pub fn steered(&self) -> Option<&Steered> {
+        self.control.as_ref().map(Control::steered)
+    }
+
     /// Begins with this episode instead of number 0.
     pub fn starting_at(mut self, episode: u64) -> Session {
         self.stage = self.stage.starting_at(episode);
@@ -57,7 +78,8 @@ impl Session {
         self.stage.next_episode()
     }
 
-    /// Plays all episodes numbered below `end` that it has not played, or until an observer has seen enough.
+    /// Plays all episodes numbered below `end` that it has not played, or until an observer has seen enough or it is told
+    /// to end.
     ///
     /// # Errors
     /// `Usage` if the links postpone by more than the team was started for; `Interrupted` if the program was asked to
@@ -75,7 +97,9 @@ impl Session {
                  settings whose `longest_delay` is {links}"
             ));
         }
-        while self.next_episode() < end && !observers.iter().any(|observer| observer.has_seen_enough()) {
+        let is_ended = |session: &Session| session.steered().is_some_and(|steered| steered.ended);
+        let have_seen_enough = |all: &[&mut dyn Observer]| all.iter().any(|one| one.has_seen_enough());
+        while self.next_episode() < end && !have_seen_enough(observers) && !is_ended(self) {
             self.play_episodes(team, end, observers)?;
         }
         Ok(())
@@ -88,11 +112,13 @@ impl Session {
         end: u64,
         observers: &mut [&mut dyn Observer],
     ) -> Result<()> {
-        let Session { stage, chaos, decisions } = self;
-        let mut muster = |stage: &mut Stage, team: &mut _| {
-            let orders =
-                chaos.as_mut().map_or(&[][..], |chaos| chaos.orders(stage.tick().episode, stage.tick().step));
-            stage.draw_links(Team::muster(team, orders)?)
+        let Session { stage, chaos, control, orders, decisions } = self;
+        let mut muster = |stage: &mut Stage, team: &mut _, orders: &mut Vec<Order>| {
+            let Tick { episode, step, .. } = stage.tick();
+            orders.extend(chaos.iter_mut().flat_map(|chaos| chaos.orders(episode, step)));
+            let absent = Team::muster(team, orders)?;
+            orders.clear();
+            stage.draw_links(absent)
         };
         stage.begin_episodes(end)?;
         observers.iter_mut().try_for_each(|observer| observer.begin_episodes(stage))?;
@@ -102,7 +128,12 @@ impl Session {
             if observers.iter().any(|observer| observer.has_seen_enough()) {
                 return Ok(());
             }
-            muster(stage, team)?;
+            if let Some(control) = control
+                && !control.await_tick(stage, orders)?
+            {
+                return Ok(());
+            }
+            muster(stage, team, orders)?;
             let exchange = Instant::now();
             team.tick(&stage.tick(), decisions)?;
             let exchange = exchange.elapsed();
@@ -113,7 +144,7 @@ impl Session {
             stage.sense()?;
         }
         if observers.iter().any(|observer| observer.wants_last_tick()) {
-            muster(stage, team)?;
+            muster(stage, team, orders)?;
             team.tick(&stage.tick(), decisions)?;
             observers.iter_mut().try_for_each(|observer| observer.last_ticked(stage, decisions))?;
         }

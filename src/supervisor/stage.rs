@@ -97,6 +97,12 @@ impl Stage {
         self.links.level_of(self.seed, episode)
     }
 
+    /// The probability with which the first level in the chain of links delivers, to be changed between ticks; `None` if
+    /// there is no level.
+    pub(super) fn dial(&mut self) -> Option<&mut f64> {
+        self.links.dial()
+    }
+
     /// The most ticks by which anything is postponed.
     pub fn longest_delay(&self) -> u8 {
         self.links.longest_delay()

@@ -6,7 +6,7 @@
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::fd::OwnedFd;
 use std::process::ChildStderr;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rustix::event::{PollFd, PollFlags, poll};
 
@@ -29,8 +29,7 @@ impl OwnStderr {
         let mut last = None;
         for line in BufReader::new(self).split(b'\n').map_while(|line| line.ok()) {
             let line = String::from_utf8_lossy(&line).into_owned();
-            // Where stderr cannot be written the line is still told when the process fails.
-            let _ = writeln!(io::stderr(), "[{name}] {line}");
+            say(format!("[{name}] {line}"));
             last = Some(line);
         }
         last
@@ -57,6 +56,34 @@ impl Read for OwnStderr {
         self.left = self.left.map(|left| left - read);
         Ok(read)
     }
+}
+
+/// Lines that are kept for later, while the terminal shows something else.
+static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
+
+/// Writes a line to stderr, now or later.
+fn say(line: String) {
+    /// Whoever says more than this says the same again.
+    const MOST: usize = 200;
+    match &mut *HELD.lock().unwrap_or_else(PoisonError::into_inner) {
+        Some(held) if held.len() >= MOST => {}
+        Some(held) => held.push(line),
+        // Where stderr cannot be written the line is still told when the process fails.
+        None => drop(writeln!(io::stderr(), "{line}")),
+    }
+}
+
+/// Keeps what processes write to stderr until it is [released](release_words).
+#[cfg(feature = "view")]
+pub(crate) fn hold_words() {
+    HELD.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default();
+}
+
+/// Writes what was held, and all that comes from now on.
+#[cfg(feature = "view")]
+pub(crate) fn release_words() {
+    let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
+    held.into_iter().flatten().for_each(say);
 }
 
 #[cfg(test)]

@@ -30,6 +30,8 @@ mod rooms;
 mod substitute;
 mod train;
 mod verify;
+#[cfg(feature = "view")]
+mod view;
 
 /// Not a test: what the agents of swarms run that are of this binary.
 #[test]

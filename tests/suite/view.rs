@@ -1,0 +1,224 @@
+//! `spawn --view`, driven through a pseudo-terminal: what is on the screen, what keys do, and that the terminal is given
+//! back whatever happens.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+use std::num::NonZeroU16;
+use std::os::fd::OwnedFd;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::fs::{OFlags, fcntl_setfl};
+use rustix::process::{Pid, Signal, kill_process};
+use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, unlockpt};
+use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
+
+use crate::common::{PROGRAM, children, is_running};
+
+/// Longer than anything takes here.
+const LONG: Duration = Duration::from_secs(60);
+
+/// A program in a terminal of its own.
+struct Seat {
+    program: Child,
+    keyboard: File,
+    /// The end that the program has. As long as it is held here, its settings can be read.
+    terminal: OwnedFd,
+    screen: vt100::Parser,
+}
+
+impl Seat {
+    /// Starts `spawn --view` with these words in a terminal of so many columns and rows.
+    fn of(words: &str, columns: u16, rows: u16) -> Seat {
+        let keyboard = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        grantpt(&keyboard).unwrap();
+        unlockpt(&keyboard).unwrap();
+        fcntl_setfl(&keyboard, OFlags::NONBLOCK).unwrap();
+        let peer = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+        let terminal = ioctl_tiocgptpeer(&keyboard, peer).unwrap();
+        let end = || Stdio::from(terminal.try_clone().unwrap());
+        tcsetwinsize(&terminal, size(columns, rows)).unwrap();
+        let program = in_session(&["--ctty"], &format!("--view {words}"))
+            .env("TERM", "xterm-256color")
+            .env_remove("NO_COLOR")
+            .stdin(end())
+            .stdout(end())
+            .stderr(end())
+            .spawn()
+            .unwrap();
+        let [width, height] = [columns, rows].map(|size| NonZeroU16::new(size).unwrap());
+        let screen = vt100::Parser::new(height, width, 0);
+        Seat { program, keyboard: keyboard.into(), terminal, screen }
+    }
+
+    /// Waits until all of these words are on the screen.
+    #[track_caller]
+    fn sees(&mut self, words: &[&str]) {
+        let deadline = Instant::now() + LONG;
+        while !words.iter().all(|words| self.text().contains(words)) {
+            let ended = self.program.try_wait().unwrap();
+            assert!(Instant::now() < deadline && ended.is_none(), "{words:?} {ended:?}:\n{}", self.text());
+            self.read();
+        }
+    }
+
+    fn press(&mut self, keys: &str) {
+        self.keyboard.write_all(keys.as_bytes()).unwrap();
+    }
+
+    fn text(&self) -> String {
+        self.screen.screen().contents()
+    }
+
+    /// Takes in what the program has written since.
+    fn read(&mut self) {
+        let mut bytes = [0; 1 << 16];
+        match self.keyboard.read(&mut bytes) {
+            Ok(read) => self.screen.process(&bytes[..read]),
+            Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::sleep(Duration::from_millis(5)),
+            Err(e) => panic!("{e}"),
+        }
+    }
+
+    fn id(&self) -> Pid {
+        Pid::from_child(&self.program)
+    }
+
+    /// Waits for the program to end. It must have given the terminal back; its exit code, and what is to be read then.
+    #[track_caller]
+    fn ends(mut self) -> (Option<i32>, String) {
+        let deadline = Instant::now() + LONG;
+        let ended = loop {
+            self.read();
+            if let Some(ended) = self.program.try_wait().unwrap() {
+                break ended;
+            }
+            assert!(Instant::now() < deadline, "it does not end:\n{}", self.text());
+        };
+        self.read();
+        let (screen, text) = (self.screen.screen(), self.text());
+        assert!(!screen.alternate_screen() && !screen.hide_cursor(), "{text}");
+        let modes = tcgetattr(&self.terminal).unwrap().local_modes;
+        assert!(modes.contains(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG), "{modes:?}");
+        assert!(!text.contains("panicked"), "{text}");
+        (ended.code(), text)
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        let _ = self.program.kill();
+        let _ = self.program.wait();
+    }
+}
+
+fn size(columns: u16, rows: u16) -> Winsize {
+    Winsize { ws_row: rows, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 }
+}
+
+/// `spawn` in a session of its own, with these options of `setsid`.
+fn in_session(options: &[&str], words: &str) -> Command {
+    let mut command = Command::new("setsid");
+    command.args(options).args([PROGRAM, "spawn"]).args(words.split_whitespace());
+    command
+}
+
+#[test]
+fn keys_pause_step_choose_set_p_and_end() {
+    let mut seat = Seat::of("--agents 4 --p 0.5 --in-process --episodes 100000", 80, 24);
+    seat.sees(&["spread-xy-4  episode 1 of 100000", "speed x1", "the world as agent 0 knows it", "q quit"]);
+    seat.press(" ");
+    seat.sees(&["paused"]);
+    let step = |seat: &Seat| {
+        let text = seat.text();
+        let step = text.split("step ").nth(1).unwrap().split(' ').next().unwrap();
+        step.parse::<u32>().unwrap()
+    };
+    let before = step(&seat);
+    seat.press(".");
+    let next = before % 25 + 1;
+    seat.sees(&[&format!("step {next} of 25")]);
+    seat.press("\t]");
+    seat.sees(&["the world as agent 1 knows it", "p = 0.55", "paused"]);
+    assert_eq!(step(&seat), next, "it stands still");
+    seat.press("k");
+    seat.sees(&["agent 1 is killed before the next tick"]);
+    seat.press("..");
+    seat.sees(&[" 1 absent", "it is not there"]);
+    seat.press("km ");
+    seat.sees(&["full speed", "+-", "mean"]);
+    seat.press("q");
+    let (code, text) = seat.ends();
+    assert_eq!(code, Some(0), "{text}");
+    for words in
+        ["spread-xy-4: 4 agents in-process", "return", "p set 1 time, last to 0.55, 1 kill, ended after"]
+    {
+        assert!(text.contains(words), "{text}");
+    }
+}
+
+#[test]
+fn who_interrupts_or_ends_it_gets_the_terminal_back() {
+    let shows = "--in-process --episodes 100000";
+    let mut interrupted = Seat::of(shows, 80, 24);
+    let mut ended = Seat::of(shows, 100, 30);
+    interrupted.sees(&["hear-see  episode 1"]);
+    interrupted.press("\x03");
+    ended.sees(&["hear-see  episode 1"]);
+    kill_process(ended.id(), Signal::TERM).unwrap();
+    for seat in [interrupted, ended] {
+        let (code, text) = seat.ends();
+        assert_eq!(code, Some(130), "{text}");
+        assert!(text.contains("error: interrupted"), "{text}");
+    }
+}
+
+#[test]
+fn a_run_that_fails_says_so_on_a_terminal_that_is_whole() {
+    let mut seat = Seat::of("--agents 2 --on-failure abort --episodes 100000", 80, 24);
+    seat.sees(&["episode 1 of"]);
+    seat.press(" ");
+    seat.sees(&["paused"]);
+    kill_process(children(seat.program.id())[0], Signal::KILL).unwrap();
+    seat.press(".");
+    let (code, text) = seat.ends();
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("was killed by signal 9"), "{text}");
+}
+
+#[test]
+fn a_terminal_may_be_tiny_grow_and_vanish() {
+    let mut seat = Seat::of("--in-process --episodes 100000 --links uniform", 30, 6);
+    seat.sees(&["This terminal has 30 columns", "Make it"]);
+    let [width, height] = [100, 30].map(|size| NonZeroU16::new(size).unwrap());
+    seat.screen.screen_mut().set_size(height, width);
+    tcsetwinsize(&seat.terminal, size(100, 30)).unwrap();
+    seat.sees(&["the world as agent 0 knows it", "uniform", "hears 01"]);
+    seat.press("]");
+    seat.sees(&["these links have no level that could be set"]);
+    // Both ends go, as if a window were closed.
+    let Seat { program, keyboard, terminal, .. } = &mut seat;
+    let nowhere = || OwnedFd::from(File::open("/dev/null").unwrap());
+    (*keyboard, *terminal) = (nowhere().into(), nowhere());
+    let deadline = Instant::now() + LONG;
+    let ended = loop {
+        assert!(Instant::now() < deadline, "it goes on without a terminal");
+        match program.try_wait().unwrap() {
+            Some(ended) => break ended,
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+    };
+    assert_eq!(ended.code(), Some(130));
+    assert!(!is_running(seat.id()));
+}
+
+#[test]
+fn without_a_terminal_there_is_no_view() {
+    let refused = in_session(&[], "--view --in-process").stdin(Stdio::null()).output().unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("there is no terminal to show a view in") && said.contains("leave out --view"),
+        "{said}"
+    );
+}
