@@ -223,6 +223,7 @@ impl Spawn {
             wait: (!self.in_process).then_some(self.wait),
             rate: self.rate,
             scheduling: None,
+            others: &self.other_agents,
             chaos: self.chaos,
             episodes: self.episodes,
         };
