@@ -1,5 +1,6 @@
 //! What your own program needs to run a swarm: its agents are that program, started again.
 
+use std::ffi::OsString;
 use std::io::Write;
 
 use crate::agent::Registry;
@@ -26,8 +27,12 @@ const MOST_WORDS: usize = 1 << 26;
 /// pass the one that the [`Swarm`](crate::Swarm) is built with.
 pub fn run_if_agent(registry: &Registry) {
     AgentCommand::allow_this_program();
-    let words: Vec<_> = std::env::args_os().rev().take(2).collect();
-    let [settings, what] = words.as_slice() else { return };
+    run_if_told(&std::env::args_os().collect::<Vec<_>>(), registry);
+}
+
+/// The same if these are the words that this process was started with.
+pub(crate) fn run_if_told(words: &[OsString], registry: &Registry) {
+    let [.., what, settings] = words else { return };
     let settings = settings.to_str().filter(|settings| what == "agent" && settings.starts_with(SETTINGS));
     let Some(settings) = settings else { return };
     let settings: Result<ProcessSettings> = serde_json::from_str(settings).map_err(|e| {

@@ -72,6 +72,7 @@
 //! | `verify` | recomputes recorded episodes and updates |
 //! | `view` | a swarm seen live in a terminal |
 //! | [`cli`] | one file per command |
+//! | `python` | the wheel: the library for Python |
 
 #![warn(clippy::match_bool, clippy::unwrap_used)]
 // Rooms keep for the commands what nobody else calls.
@@ -99,6 +100,8 @@ pub mod link;
 pub(crate) mod metrics;
 pub mod nn;
 pub(crate) mod plot;
+#[cfg(feature = "python")]
+mod python;
 pub mod recording;
 pub mod supervisor;
 pub mod train;

@@ -1,12 +1,12 @@
 //! Choosing among actions by logits.
 
 /// The first of the largest logits.
-pub(super) fn most_probable(logits: &[f32]) -> usize {
+pub(crate) fn most_probable(logits: &[f32]) -> usize {
     (1..logits.len()).fold(0, |best, i| if logits[i] > logits[best] { i } else { best })
 }
 
 /// Samples from softmax(logits) by inversion: the action whose share of [0, 1) u falls into.
-pub(super) fn sample(logits: &[f32], u: f64) -> usize {
+pub(crate) fn sample(logits: &[f32], u: f64) -> usize {
     let largest = f64::from(logits[most_probable(logits)]);
     let weight = |logit: &f32| (f64::from(*logit) - largest).exp();
     let mut left = u * logits.iter().map(weight).sum::<f64>();

@@ -20,6 +20,8 @@ mod oracle;
 pub(crate) mod process;
 mod source;
 
+#[cfg(feature = "python")]
+pub(crate) use choice::{most_probable, sample};
 pub use decision::{Agent, AgentSettings};
 pub use imputer::{Imputer, JointLayout, PREFERRED, Registry};
 pub use inbox::{Inbox, Received};

@@ -3,20 +3,21 @@
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use super::{AgentPort, Header, Sample};
 use crate::base::error::Result;
 
 /// A message in this process; its receivers share it.
 #[derive(Clone, Debug)]
-pub struct LocalSample(Rc<(Header, Vec<u32>)>);
+pub struct LocalSample(Arc<(Header, Vec<u32>)>);
 
 impl LocalSample {
     /// A message of `header.length` words that `write` fills.
     pub fn new(header: Header, write: impl FnOnce(&mut [u32])) -> LocalSample {
         let mut words = vec![0; header.length as usize];
         write(&mut words);
-        LocalSample(Rc::new((header, words)))
+        LocalSample(Arc::new((header, words)))
     }
 }
 
@@ -67,7 +68,7 @@ impl LocalHub {
     /// Sends new weights to all agents.
     pub fn publish_weights(&self, header: Header, write: impl FnOnce(&mut [u32])) {
         let newest = &mut self.0.borrow_mut().weights;
-        match newest.as_mut().and_then(|sample| Rc::get_mut(&mut sample.0)) {
+        match newest.as_mut().and_then(|sample| Arc::get_mut(&mut sample.0)) {
             Some((old, words)) if words.len() as u64 == header.length => {
                 *old = header;
                 write(words);

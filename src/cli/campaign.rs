@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::str::FromStr;
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
@@ -15,7 +15,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use super::{print, tell};
 use crate::base::error::Result;
 use crate::failed;
-use crate::supervisor::signals;
+use crate::supervisor::{AgentCommand, signals};
 
 /// The seeds of a campaign.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -160,9 +160,9 @@ impl Drop for Campaign {
 
 impl Job {
     fn start(seed: u64, arguments: &[OsString]) -> Result<Job> {
-        let mut command = Command::new("/proc/self/exe");
+        let mut command = AgentCommand::this_program()?.start();
         // A group of its own: Ctrl-C reaches the campaign alone, which stops its runs in order.
-        command.arg0("vamaro-swarm").args(arguments).process_group(0);
+        command.args(arguments).process_group(0);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|e| failed!("cannot start the run of seed {seed}: {e}"))?;
         let stderr = BufReader::new(child.stderr.take().expect("stderr is piped"));

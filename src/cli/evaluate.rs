@@ -12,6 +12,8 @@ use crate::agent::{PolicySource, Registry, Truth};
 use crate::base::error::{Error, Result};
 use crate::bus::Wait;
 use crate::environment::{PhysicsSpec, Task};
+#[cfg(feature = "python")]
+use crate::evaluate::Evaluation;
 use crate::evaluate::report::{self, Provenance};
 use crate::evaluate::{
     Axis, Condition, Entrant, Place, Record, Requirement, Settings, Summary, Sweep, Verdict,
@@ -204,6 +206,27 @@ impl Evaluate {
             tell(&format!("wrote {}, and the same as JSON and CSV", folder.join("report.html").display()));
         }
         Ok(summary)
+    }
+
+    /// Plays without a word, and keeps nothing of it on disk.
+    ///
+    /// # Errors
+    /// `Usage` if the arguments make no sense; whatever a team fails with; `Interrupted` if the program was asked to stop.
+    #[cfg(feature = "python")]
+    pub(crate) fn quietly(arguments: Vec<String>) -> Result<(Evaluation, Summary)> {
+        #[derive(clap::Parser)]
+        struct Quiet {
+            #[command(flatten)]
+            evaluate: Evaluate,
+        }
+        let arguments = std::iter::once("evaluate".to_owned()).chain(arguments);
+        let parsed = <Quiet as clap::Parser>::try_parse_from(arguments);
+        let command = parsed.map_err(|error| usage!("{error}"))?.evaluate;
+        let sweep = command.sweep()?;
+        let baselines = command.baselines(&sweep)?;
+        let evaluation = sweep.run(None, |_, _| ())?;
+        let summary = Summary::of(&evaluation, &baselines, threads(command.threads))?;
+        Ok((evaluation, summary))
     }
 
     /// What there is to play.
@@ -441,7 +464,7 @@ fn check(requirements: &[Requirement], summary: &Summary) -> Result<()> {
 
 /// What an evaluation is made with.
 fn provenance() -> Provenance {
-    let arguments = std::env::args_os().skip(1).map(|word| quoted(&word.to_string_lossy()));
+    let arguments = super::arguments().iter().map(|word| quoted(&word.to_string_lossy()));
     Provenance {
         program: format!("vamaro-swarm {}", env!("CARGO_PKG_VERSION")),
         command: std::iter::once("vamaro-swarm".to_owned()).chain(arguments).collect::<Vec<_>>().join(" "),

@@ -3,7 +3,7 @@
 use crate::nn::kernels;
 
 /// Model of the CPU and the instruction set that is used of it.
-pub(super) fn cpu() -> String {
+pub(crate) fn cpu() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     let model = model.map_or(std::env::consts::ARCH, |(_, model)| model.trim());
@@ -11,6 +11,6 @@ pub(super) fn cpu() -> String {
 }
 
 /// The day (UTC), as in 2026-02-28.
-pub(super) fn today() -> String {
+pub(crate) fn today() -> String {
     jiff::Timestamp::now().strftime("%F").to_string()
 }

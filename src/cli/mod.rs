@@ -3,12 +3,12 @@
 mod bench;
 mod campaign;
 mod doctor;
-mod evaluate;
+pub(crate) mod evaluate;
 mod export;
 mod fit;
 mod import;
 mod inspect;
-mod machine;
+pub(crate) mod machine;
 mod man;
 mod plot;
 mod progress;
@@ -21,9 +21,11 @@ mod tasks;
 mod train;
 mod verify;
 
+use std::ffi::OsString;
 use std::io::{ErrorKind, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
@@ -34,6 +36,7 @@ use crate::base::faults::say_what_ended;
 use crate::base::table::table;
 use crate::latency::peer::PeerSettings;
 use crate::latency::serve;
+use crate::supervisor::AgentCommand;
 use crate::usage;
 
 /// Swarms of agents: every agent is a process, observations travel through shared memory, and links fail
@@ -112,6 +115,28 @@ docs/installing.md says where each shell looks for them.")]
         /// Settings as JSON
         settings: String,
     },
+}
+
+/// What this program was told, without its name.
+static ARGUMENTS: OnceLock<Vec<OsString>> = OnceLock::new();
+
+/// Runs the command line, without the name of the program: parses, dispatches, and prints an error in this one place.
+/// Returns the exit code; help, and what cannot be parsed, end the program.
+pub fn run(arguments: Vec<OsString>) -> u8 {
+    let arguments = ARGUMENTS.get_or_init(|| arguments);
+    match Cli::parse_from(std::iter::once(&OsString::from("vamaro-swarm")).chain(arguments)).run() {
+        Ok(()) => 0,
+        Err(error) => {
+            // Where stderr cannot be written the exit code says it all.
+            let _ = writeln!(std::io::stderr(), "error: {error}");
+            exit_code(&error)
+        }
+    }
+}
+
+/// What this program was told, without its name.
+fn arguments() -> &'static [OsString] {
+    ARGUMENTS.get().map_or(&[], |arguments| arguments)
 }
 
 impl Cli {
@@ -204,8 +229,8 @@ fn keep_candle_to_its_thread() -> Result<()> {
     if std::env::var_os(THREADS).is_some() {
         return Ok(());
     }
-    let mut command = std::process::Command::new("/proc/self/exe");
-    let e = command.arg0("vamaro-swarm").args(std::env::args_os().skip(1)).env(THREADS, "1").exec();
+    let mut command = AgentCommand::this_program()?.start();
+    let e = command.args(arguments()).env(THREADS, "1").exec();
     Err(Error::Failed(format!("cannot start over with {THREADS}=1: {e}; set it yourself")))
 }
 
@@ -216,7 +241,7 @@ fn print_json(value: &serde_json::Value) -> Result<()> {
 
 /// Reads `--policy`: a file, a folder that holds `policy.safetensors`, the name of a pretrained policy in the
 /// checkout that is the working directory, `builtin` or `untrained`.
-fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
+pub(crate) fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
     match name {
         "builtin" => return Ok(PolicySource::Builtin),
         "untrained" => return Ok(PolicySource::Untrained(seed)),

@@ -53,8 +53,9 @@ pub struct Train {
     #[arg(long, value_name = "LIST")]
     predictors: Option<String>,
 
-    /// Probability of delivery while the policy trains, or `uniform`: drawn per episode [default: 1]
-    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    /// Probability of delivery while the policy trains, or links as `spawn --links` takes them, such as `uniform`: one
+    /// probability drawn per episode [default: 1]
+    #[arg(long, value_name = "P|LINKS", allow_negative_numbers = true)]
     train_p: Option<String>,
 
     #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP)]

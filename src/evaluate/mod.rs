@@ -30,8 +30,8 @@ mod weighted;
 pub use axis::Axis;
 pub use condition::Condition;
 pub use evaluation::{AgeErrors, Calibration, Evaluation, Settings, UnitErrors};
-#[cfg(test)]
-use evaluation::{Cell, Contender, Outcome, RandomTeam};
+#[cfg(any(test, feature = "python"))]
+pub use evaluation::{Cell, Contender, Outcome, RandomTeam};
 pub use record::Record;
 pub use require::{Requirement, Verdict};
 #[cfg(test)]

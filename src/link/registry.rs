@@ -198,11 +198,15 @@ pub fn help() -> String {
     // Those with many parameters take a line for themselves.
     let widest = MODELS.iter().map(|model| model.signature().len()).filter(|width| *width < 30).max();
     let widest = widest.unwrap_or_default();
-    let line = |model: &Model| match model.signature() {
-        long if long.len() > widest => format!("  {long}\n{:widest$}    {}", "", model.about),
-        short => format!("  {short:<widest$}  {}", model.about),
-    };
-    let lines: Vec<String> = MODELS.iter().map(|model| wrapped(&line(model), widest + 4)).collect();
+    let indent = widest + 4;
+    let lines = MODELS.iter().map(|model| match model.signature() {
+        long if long.len() > widest => {
+            let about = format!("{:indent$}{}", "", model.about);
+            format!("{}\n{}", wrapped(&format!("  {long}"), 4), wrapped(&about, indent))
+        }
+        short => wrapped(&format!("  {short:<widest$}  {}", model.about), indent),
+    });
+    let lines: Vec<String> = lines.collect();
     format!(
         "Links, alone or in a chain such as 'gilbert(0.1, 0.3) + delay(1, 1)', which\ndelivers what all its links \
          deliver:\n{}\nOr what netem takes, such as 'loss gemodel 10% 30% delay 20ms 5ms'.",

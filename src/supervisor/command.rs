@@ -5,7 +5,7 @@ use std::fmt;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::OnceLock;
 
 use crate::base::error::Result;
 use crate::failed;
@@ -13,8 +13,9 @@ use crate::failed;
 /// This program, even if its file has been replaced since it started.
 const SELF: &str = "/proc/self/exe";
 
-/// Whether this program has called [`run_if_agent`](crate::run_if_agent), so that it can run as an agent.
-static RUNS_AGENTS: AtomicBool = AtomicBool::new(false);
+/// How this program is started once more, if it has called [`run_if_agent`](crate::run_if_agent), so that it can run as
+/// an agent.
+static THIS_PROGRAM: OnceLock<AgentCommand> = OnceLock::new();
 
 /// The program that is run for an agent. Its last two words are `agent` and the settings, as JSON. One that is not this
 /// program may be in any language: `docs/protocol.md` says what it has to do.
@@ -56,27 +57,38 @@ impl AgentCommand {
     /// # Errors
     /// `Failed` if it has not called [`run_if_agent`](crate::run_if_agent). It would start itself over and over.
     pub fn this_program() -> Result<AgentCommand> {
-        if RUNS_AGENTS.load(Ordering::Relaxed) {
-            return Ok(AgentCommand::new(SELF));
-        }
-        Err(failed!(
-            "this program cannot start itself as an agent; call \
-             `vamaro_swarm::run_if_agent` first thing in `main`, or name the program to run for an agent (AgentCommand)"
-        ))
+        THIS_PROGRAM.get().cloned().ok_or_else(|| {
+            failed!(
+                "this program cannot start itself as an agent; call \
+                 `vamaro_swarm::run_if_agent` first thing in `main`, or name the program to run for an agent (AgentCommand)"
+            )
+        })
     }
 
-    /// Notes that this program can run as an agent.
+    /// Notes that this program can run as an agent, and that its file is all it takes to start it.
     pub(crate) fn allow_this_program() {
-        RUNS_AGENTS.store(true, Ordering::Relaxed);
+        AgentCommand::new(SELF).stand_for_this_program();
+    }
+
+    /// Notes that this command starts this program, which can run as an agent. What was noted first holds.
+    pub(crate) fn stand_for_this_program(self) {
+        let _ = THIS_PROGRAM.set(self);
     }
 
     /// The command that does `what` with these settings.
     pub(super) fn command(&self, what: &str, settings: &str) -> Command {
+        let mut command = self.start();
+        command.args([what, settings]);
+        command
+    }
+
+    /// The command without the last two words.
+    pub(crate) fn start(&self) -> Command {
         let mut command = Command::new(&self.program);
         if self.program.as_os_str() == SELF {
             command.arg0("vamaro-swarm");
         }
-        command.args(&self.words).args([what, settings]);
+        command.args(&self.words);
         command
     }
 }

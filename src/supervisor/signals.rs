@@ -32,6 +32,12 @@ fn ignored_signals() -> u64 {
     mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
 }
 
+/// Asks the program to stop, as a signal would, or takes that back.
+#[cfg(feature = "python")]
+pub(crate) fn ask_to_stop(stop: bool) {
+    STOP.get_or_init(Arc::default).store(stop, Ordering::Relaxed);
+}
+
 /// An error if the program was asked to stop.
 pub fn check_stop() -> Result<()> {
     match STOP.get() {

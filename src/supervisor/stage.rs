@@ -77,6 +77,12 @@ impl Stage {
         self
     }
 
+    /// From here on draws have this seed, and the next episode this number.
+    #[cfg(feature = "python")]
+    pub(crate) fn start_over(&mut self, seed: u64, episode: u64) {
+        (self.seed, self.next_episode) = (seed, episode);
+    }
+
     /// What the environment is.
     pub fn spec(&self) -> &Spec {
         &self.spec
@@ -147,6 +153,12 @@ impl Stage {
     pub fn rewards(&self, world: usize) -> &[f64] {
         let agents = self.spec.n_agents();
         &self.outcome.rewards[world * agents..(world + 1) * agents]
+    }
+
+    /// What each agent of each world earned in its last step, `[worlds, agents]`.
+    #[cfg(feature = "python")]
+    pub(crate) fn all_rewards(&self) -> &[f64] {
+        &self.outcome.rewards
     }
 
     /// What the team of a world earned in its last step.

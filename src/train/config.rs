@@ -9,8 +9,8 @@ use super::layer::{Layer, like};
 use super::settings::{Backend, CriticInput, Estimator, Loss, Objective, PredictorSettings, Settings};
 use crate::base::error::Result;
 use crate::base::file::AtomicFile;
-use crate::environment::{PhysicsSpec, Task};
-use crate::link::{Links, Uniform};
+use crate::environment::{PhysicsSpec, Spec, Task};
+use crate::link::{LinkSpec, Links};
 use crate::nn::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma};
 use crate::usage;
 
@@ -67,8 +67,8 @@ pub struct Config {
     /// Fresh episodes between updates, played side by side in as many worlds; the batch is the last
     /// `batch_episodes`.
     pub update_every: usize,
-    /// Probability that an observation is delivered while the policy trains, or `"uniform"`: one level per
-    /// episode. Below 1 the first of the predictors imputes.
+    /// Probability that an observation is delivered while the policy trains, or links, such as `"uniform"`: one level
+    /// per episode. Below 1 the first of the predictors imputes.
     pub train_p: TrainP,
     /// Predictors that learn beside the policy: `value-aware`, `maro`, `lambda0`, `maro-carry`.
     pub predictors: Vec<String>,
@@ -137,21 +137,13 @@ pub enum AdvantageKind {
 }
 
 /// How links are while the policy trains.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged, expecting = "expected a probability from 0 to 1, or \"uniform\"")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected a probability from 0 to 1, or links such as \"uniform\"")]
 pub enum TrainP {
     /// One level.
     Level(f64),
-    /// A mode with a name.
-    Mode(TrainMode),
-}
-
-/// Modes of [`TrainP`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TrainMode {
-    /// A level for each episode, uniform on [0, 1).
-    Uniform,
+    /// Links, as [`LinkSpec`] reads them.
+    Links(String),
 }
 
 /// How a predictor with this name learns.
@@ -198,6 +190,7 @@ impl Config {
         all.insert("task".to_owned(), task.id().into());
         let config = Config::deserialize(all).map_err(|e| usage!("{}", e.message()))?;
         config.check()?;
+        config.links(task.spec())?;
         Ok(config)
     }
 
@@ -253,12 +246,21 @@ impl Config {
         }
     }
 
-    /// The links while the policy trains.
-    pub fn links(&self) -> Links {
-        match self.train_p {
-            TrainP::Level(p) => Links::level(p),
-            TrainP::Mode(TrainMode::Uniform) => Links::from(Uniform),
+    /// The links while the policy trains in this environment.
+    ///
+    /// # Errors
+    /// `Usage` if there are no such links, or they are in a file: then the configuration alone would not say what comes of
+    /// it.
+    pub fn links(&self, spec: &Spec) -> Result<Links> {
+        let text = match &self.train_p {
+            TrainP::Level(p) => return Ok(Links::level(*p)),
+            TrainP::Links(text) => text,
+        };
+        let links = LinkSpec::parse(text, spec).map_err(|e| usage!("`train_p`: {e}"))?;
+        if links.matrices().next().is_some() || links.logs().next().is_some() {
+            return Err(usage!("`train_p` is {text}: links that are in a file are not for training"));
         }
+        Ok(links.build())
     }
 
     /// Whether all observations are delivered while the policy trains.
@@ -353,7 +355,7 @@ mod tests {
     #[test]
     fn a_configuration_comes_back_from_its_text() {
         let uniform = resolve(&[("train_p", "uniform"), ("predictors", "maro-carry, lambda0")]).unwrap();
-        assert_eq!(uniform.train_p, TrainP::Mode(TrainMode::Uniform));
+        assert_eq!(uniform.train_p, TrainP::Links("uniform".to_owned()));
         for config in [resolve(&[]).unwrap(), uniform] {
             let text = Layer::parse(&config.to_toml(), "config.toml").unwrap();
             assert_eq!(Config::resolve(Preset::Paper, &[text]).unwrap(), config);
@@ -405,7 +407,9 @@ mod tests {
             (&[("task", "7")], "expected a name"),
             (&[("algorithm", "dqn")], "--set: `algorithm`"),
             (&[("seed", "-1")], "expected a whole number"),
-            (&[("train_p", "often")], "expected a probability from 0 to 1, or \"uniform\""),
+            (&[("train_p", "often")], "`train_p`: there are no links `often`"),
+            (&[("train_p", "true")], "expected a probability from 0 to 1, or links such as \"uniform\""),
+            (&[("train_p", "gilbert(loss=2, burst=4)")], "loss: `2` is not a probability"),
             (&[("share_actors", "yes")], "expected true or false"),
         ] {
             let error = resolve(settings).unwrap_err();

@@ -68,7 +68,9 @@ impl Config {
         }
         match self.train_p {
             TrainP::Level(p) if !(0.0..=1.0).contains(&p) => {
-                return Err(usage!("`train_p` is {p}, expected a probability from 0 to 1, or \"uniform\""));
+                return Err(usage!(
+                    "`train_p` is {p}, expected a probability from 0 to 1, or links such as \"uniform\""
+                ));
             }
             _ if !self.everything_arrives() && self.predictors.is_empty() => {
                 return Err(usage!(

@@ -32,6 +32,8 @@ mod folder;
 mod layer;
 mod learner;
 mod learner_state;
+#[cfg(feature = "python")]
+mod lessons;
 mod memory;
 mod memory_needed;
 pub mod network;
@@ -54,7 +56,7 @@ mod trial;
 pub use actor::ActorLosses;
 pub use batch::{Batch, Trajectories};
 pub(crate) use checkpoint::{Checkpoint, Progress};
-pub use config::{AdvantageKind, Algorithm, Config, Preset, TrainMode, TrainP};
+pub use config::{AdvantageKind, Algorithm, Config, Preset, TrainP};
 pub use critic::CriticLosses;
 pub use ends::Ends;
 pub use fit::{Feed, FitSettings, PredictorFit, fit_predictor};
@@ -62,6 +64,8 @@ pub(crate) use folder::RunFolder;
 pub use layer::Layer;
 pub(crate) use learner::Busy;
 pub use learner::{Learner, Losses};
+#[cfg(feature = "python")]
+pub(crate) use lessons::Lessons;
 pub use memory::Flat;
 pub use parameters::Parameters;
 pub(crate) use plan::estimate;

@@ -18,6 +18,8 @@ pub struct Trainer {
     pub(super) task: Task,
     pub(super) state: State,
     rollout: Rollout,
+    /// The most ticks by which links postpone anything.
+    longest_delay: u8,
     /// All weights of the policy, for the agents.
     weights: Vec<f32>,
 }
@@ -37,7 +39,7 @@ impl Trainer {
     pub fn in_task(config: Config, task: Task, threads: usize) -> Result<Trainer> {
         let task = task.with_physics(config.physics)?;
         let state = State::begin(&config, task.spec(), threads)?;
-        Ok(Trainer::assemble(config, task, state))
+        Trainer::assemble(config, task, state)
     }
 
     /// As it was at a checkpoint of this configuration.
@@ -45,15 +47,16 @@ impl Trainer {
         let task = Task::parse(&config.task)?.with_physics(config.physics)?;
         let mut state = State::begin(&config, task.spec(), threads)?;
         state.restore(&config, task.spec(), checkpoint)?;
-        Ok(Trainer::assemble(config, task, state))
+        Trainer::assemble(config, task, state)
     }
 
-    fn assemble(config: Config, task: Task, state: State) -> Trainer {
-        let (links, first) = (config.links(), state.progress.episodes);
+    fn assemble(config: Config, task: Task, state: State) -> Result<Trainer> {
+        let (links, first) = (config.links(task.spec())?, state.progress.episodes);
+        let longest_delay = links.longest_delay();
         let rollout = Rollout::new(task.environment(config.update_every), links, config.seed, first);
         let mut weights = Vec::new();
         state.learner.policy_values(&mut weights);
-        Trainer { config, task, state, rollout, weights }
+        Ok(Trainer { config, task, state, rollout, longest_delay, weights })
     }
 
     /// Environment steps so far.
@@ -81,7 +84,7 @@ impl Trainer {
             greedy: false,
             seed: self.config.seed,
             worlds: self.config.update_every,
-            longest_delay: self.config.links().longest_delay(),
+            longest_delay: self.longest_delay,
             tell_logits: false,
         }
     }

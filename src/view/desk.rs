@@ -99,7 +99,7 @@ impl Desk {
 
     fn step(&mut self) -> Meaning {
         if !self.is_paced() {
-            return self.refuse("in real time there is no stepping: the clock waits for nobody");
+            return self.refuse("no stepping: a clock waits for nobody");
         }
         self.stands = true;
         Meaning::Told(Command::Step)
@@ -107,7 +107,7 @@ impl Desk {
 
     fn run(&mut self, speed: impl Fn(usize) -> usize) -> Meaning {
         if !self.is_paced() {
-            return self.refuse("in real time the speed is that of the clock: --rate");
+            return self.refuse("the speed is that of the clock: --rate");
         }
         self.speed = speed(self.speed);
         Meaning::Told(Command::Pace(self.rate()))
@@ -115,10 +115,10 @@ impl Desk {
 
     fn turn(&mut self, by: f64) -> Meaning {
         let Some(level) = self.level else {
-            return self.refuse("these links have no level that could be set");
+            return self.refuse("these links have no level to set");
         };
         if self.recorded {
-            return self.refuse("p stays as it is in a run that is recorded");
+            return self.refuse("p stays as it is in a recorded run");
         }
         // To the next on the grid, from wherever it was.
         let at = level * STEPS;
@@ -130,7 +130,7 @@ impl Desk {
 
     fn order(&mut self, event: Event) -> Meaning {
         if self.recorded {
-            return self.refuse("agents stay as they are in a run that is recorded");
+            return self.refuse("agents stay as they are in a recorded run");
         }
         let (agent, bit) = (self.chosen, 1 << self.chosen);
         let is_down = self.down & bit != 0;
@@ -139,12 +139,12 @@ impl Desk {
         let returns = event == Event::Kill && !self.is_paced();
         self.down = if is_down || returns { self.down & !bit } else { self.down | bit };
         let (done, undo) = match event {
-            Event::Kill if returns => ("killed", "; it is started anew"),
+            Event::Kill if returns => ("killed", ", and started anew"),
             Event::Kill => ("killed", "; k starts it anew"),
             Event::Stop => ("stopped", "; x lets it go on"),
             Event::Return => ("told to return", ""),
         };
-        self.notice = format!("agent {agent} is {done} before the next tick{undo}");
+        self.notice = format!("agent {agent} is {done}{undo}");
         Meaning::Told(Command::Order(Order { agent, event }))
     }
 

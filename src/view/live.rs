@@ -52,9 +52,11 @@ impl Live {
         let ((begin, begun), (end, done)) = (bounded::<Drawer>(1), bounded(0));
         let thread = std::thread::Builder::new().name("view".to_owned()).spawn(move || {
             let _end = end;
-            if let Ok(drawer) = begun.recv() {
-                // Without a terminal there is nobody to tell. The swarm plays on.
-                let _ = drawer.run();
+            if let Ok(mut drawer) = begun.recv()
+                && drawer.run().is_err()
+            {
+                // The terminal is gone, and nobody is there to be told. The swarm plays on.
+                give_back();
             }
         });
         thread
@@ -132,7 +134,7 @@ impl Drawer {
     ///
     /// # Errors
     /// Whatever the terminal fails with.
-    fn run(mut self) -> io::Result<()> {
+    fn run(&mut self) -> io::Result<()> {
         let _ = self.pictures.wanted.try_send(Box::default());
         self.draw()?;
         let (mut next, mut is_old) = (Instant::now(), false);

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::common::training::{Folder, SMALL, assert_same, result};
-use crate::common::{fail, run, stderr, succeed};
+use crate::common::{command, fail, run, stderr, succeed};
 use serde_json::Value;
 
 #[test]
@@ -246,6 +246,20 @@ fn a_summary_that_programs_read() {
 }
 
 #[test]
+fn teams_can_be_trained_over_any_links() {
+    let folder = Folder::new();
+    const LINKS: &str = "gilbert(loss=0.5, burst=4) + delay(1, 1)";
+    let train = |name: &str, more: &str| {
+        let out = folder.path(name);
+        let mut command = command(&format!("train {SMALL} --steps 1000 --out {} {more}", out.display()));
+        let output = command.args(["--train-p", LINKS]).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        out
+    };
+    assert_same(&train("processes", ""), &train("here", "--in-process"));
+}
+
+#[test]
 fn bad_requests_are_refused_and_nothing_is_written() {
     let folder = Folder::new();
     let out = folder.path("run");
@@ -257,6 +271,7 @@ fn bad_requests_are_refused_and_nothing_is_written() {
     fail(&with("--steps 1.5"), 2, &["--steps", "1e6"]);
     fail(&with("--steps 0"), 2, &["--steps"]);
     fail(&with("--train-p 1.5"), 2, &["train_p", "0 to 1"]);
+    fail(&with("--train-p delay(101)"), 2, &["`train_p`", "from 0 to 100"]);
     fail(&with("--train-p 0.5 --set predictors=[]"), 2, &["needs a predictor"]);
     fail(&with("--predictors kalman"), 2, &["kalman", "value-aware"]);
     fail(&with("--config nowhere.toml"), 2, &["nowhere.toml"]);

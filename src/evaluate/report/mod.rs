@@ -22,6 +22,10 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+#[cfg(feature = "python")]
+pub use csv::{episodes as episodes_csv, summary as summary_csv};
+#[cfg(feature = "python")]
+pub use marl_eval::marl_eval;
 pub use results::results;
 pub use text::text;
 

@@ -209,5 +209,5 @@ fn keys_and_notices_are_those_of_the_mode() {
     picture.facts.pace = None;
     picture.says(&["picture held", "space hold  tab agent"]);
     picture.keys = &[Key::Char('.')];
-    picture.says(&["in real time there is no stepping"]);
+    picture.says(&["no stepping: a clock waits for nobody "]);
 }

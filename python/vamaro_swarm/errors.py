@@ -1,0 +1,17 @@
+"""What can go wrong, beside the ValueError of a request that makes no sense."""
+
+
+class Error(Exception):
+    """Something went wrong while a sound request was carried out."""
+
+
+class AgentError(Error):
+    """An agent, its policy or its imputer did something that it must not do."""
+
+    def __init__(self, agent: object, words: str) -> None:
+        super().__init__(agent, words)
+        #: Which agent.
+        self.agent = agent
+
+    def __str__(self) -> str:
+        return f"{self.agent}: {self.args[1]}"

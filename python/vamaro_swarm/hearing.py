@@ -1,0 +1,95 @@
+"""What agents have after links and imputer."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._native import Arena
+from .errors import AgentError
+
+#: Guesses what an agent did not receive: `imputer(agent, estimate, ages)` returns a joint estimate. In the one that it is
+#: given, what was not received stands as it was guessed at the step before; at first it is zero. `ages` say how many
+#: steps ago each sender's part was observed, -1 if never. What was received at this step stays as it is, whatever is
+#: returned. If it has a method `begin(seed, episode)`, that is called when an episode begins.
+Guess = Callable[[Any, NDArray[np.float32], NDArray[np.int32]], Any]
+
+
+class Heard(NamedTuple):
+    """What agents have at a step."""
+
+    #: Joint estimates, `[agents, joint]`.
+    estimates: NDArray[np.float32]
+    #: How many steps ago each sender's part was observed, -1 if never, `[agents, agents]`.
+    ages: NDArray[np.int32]
+    #: What arrived at this step, `[agents, agents]`.
+    mask: NDArray[np.bool_]
+
+    def infos(self, agents: Sequence[Any]) -> dict[Any, dict[str, Any]]:
+        """Masks and ages, by agent."""
+        rows = zip(agents, self.mask, self.ages)
+        return {agent: {"mask": mask, "ages": ages} for agent, mask, ages in rows}
+
+
+class Hearing:
+    """Hears what the agents of one world hear."""
+
+    def __init__(self, arena: Arena, agents: Sequence[Any], imputer: object) -> None:
+        self.arena = arena
+        self._agents = agents
+        self._guess: Guess | None = imputer if callable(imputer) else None
+        parts, common = arena.parts
+        self._parts = np.array([*parts, common])
+        self._shape = (len(agents), arena.joint)
+
+    def begin(self, seed: int, episode: int) -> Heard:
+        """Begins an episode."""
+        heard, mask = self._room()
+        self.arena.begin(seed, episode, heard.estimates, heard.ages, mask)
+        if self._guess is not None:
+            begin = getattr(self._guess, "begin", None)
+            if begin is not None:
+                begin(seed, episode)
+            self._impute(heard)
+        return heard
+
+    def step(self, actions: list[Any] | None, rewards: NDArray[np.float64] | None = None) -> tuple[Heard, bool]:
+        """One step; also whether the episode goes on."""
+        heard, mask = self._room()
+        goes_on = self.arena.step(actions, heard.estimates, heard.ages, mask, rewards)
+        if self._guess is not None:
+            self._impute(heard)
+        return heard, goes_on
+
+    def _room(self) -> tuple[Heard, NDArray[np.uint8]]:
+        """New arrays: what an agent was given stays what it was."""
+        n = self._shape[0]
+        mask = np.empty((n, n), np.uint8)
+        ages = np.empty((n, n), np.int32)
+        return Heard(np.empty(self._shape, np.float32), ages, mask.view(np.bool_)), mask
+
+    def _impute(self, heard: Heard) -> None:
+        """Has the callable guess, and the arena believe it."""
+        assert self._guess is not None
+        for agent, estimate, ages in zip(self._agents, heard.estimates, heard.ages):
+            try:
+                guess = np.asarray(self._guess(agent, estimate.copy(), ages.copy()), np.float32)
+            except Exception as error:
+                raise AgentError(agent, f"its imputer raised {error!r}") from error
+            if guess.shape != estimate.shape:
+                words = f"its imputer returned the shape {guess.shape} instead of {estimate.shape}"
+                raise AgentError(agent, words)
+            if not np.isfinite(guess).all():
+                raise AgentError(agent, "its imputer returned what is not finite")
+            # What all have in common stands behind the parts, and is always known.
+            known = np.repeat(np.append(ages == 0, True), self._parts)
+            np.copyto(estimate, guess, where=~known)
+        self.arena.believe(heard.estimates)
+
+
+def links_of(p: float, links: str | None) -> str:
+    """The links that deliver with probability p, and then as the text says."""
+    if links is None:
+        return f"level({p})"
+    return links if p == 1 else f"level({p}) + {links}"

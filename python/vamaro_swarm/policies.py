@@ -1,0 +1,64 @@
+"""Policies of our tasks."""
+
+from collections.abc import Mapping
+from os import PathLike, fspath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._native import Team as _Actors
+from .errors import AgentError
+
+
+class Team:
+    """The agents of a policy file, each with its state.
+
+    `team(agent, estimate)` is what one agent does, `team.act(observations)` what all do, by name. Where observations
+    have a row for each world, so have actions. Call `begin` when an episode begins.
+    """
+
+    def __init__(self, name: str, task: str | None, greedy: bool) -> None:
+        self._actors = _Actors(name, task, greedy)
+        #: What it was loaded by.
+        self.name = name
+        #: The id of its task.
+        self.task = self._actors.task
+        #: What its agents are called.
+        self.agents = self._actors.agents
+        self._numbers = {agent: number for number, agent in enumerate(self.agents)}
+        self._worlds = 0
+
+    def begin(self, seed: int = 0, episode: int = 0, num_envs: int | None = None) -> None:
+        """An episode begins. Seed and number decide its draws of actions, which are those of `vamaro-swarm spawn`."""
+        self._worlds = 1 if num_envs is None else num_envs
+        self._batched = num_envs is not None
+        self._actors.begin(seed, episode, self._worlds)
+
+    def __call__(self, agent: str, estimate: NDArray[np.float32]) -> Any:
+        """What an agent does, given its joint estimate."""
+        if not self._worlds:
+            self.begin()
+        if agent not in self._numbers:
+            raise AgentError(agent, f"is none of {', '.join(self.agents)}, who play {self.task}")
+        estimate = np.ascontiguousarray(estimate, np.float32)
+        try:
+            actions = self._actors.act(self._numbers[agent], estimate)
+        except ValueError as error:
+            raise AgentError(agent, f"cannot act on an estimate of the shape {estimate.shape}: {error}") from None
+        return np.array(actions, np.int64) if self._batched else actions[0]
+
+    def act(self, observations: Mapping[str, NDArray[np.float32]]) -> dict[str, Any]:
+        """What all agents do."""
+        return {agent: self(agent, estimate) for agent, estimate in observations.items()}
+
+    def __repr__(self) -> str:
+        return f"<team of {self.task} from {self.name}>"
+
+
+def load_policy(name: str | PathLike[str], task: str | None = None, *, greedy: bool = False) -> Team:
+    """The team in a policy file or the folder of a training run; `builtin` with the name of its `task`.
+
+    It samples its actions, or takes the most probable ones if `greedy`.
+    """
+    return Team(fspath(name), task, greedy)

@@ -1,0 +1,56 @@
+"""Imputers that are fitted to a team from elsewhere."""
+
+import numpy as np
+import pytest
+from vamaro_swarm import FittedImputer, LossyLinks, evaluate, fit_imputer
+
+
+def coasting(agent, estimate):
+    """Nobody pushes."""
+    return 1 if agent == "left" else np.zeros(1)
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    from conftest import Drift
+
+    out = tmp_path_factory.mktemp("fit") / "drift.safetensors"
+    return fit_imputer(Drift, coasting, steps=2000, updates=600, out=out)
+
+
+def errors(env_fn, imputer):
+    """How far estimates of the other's place are from the truth where nothing arrives after the start."""
+    env, wrong = LossyLinks(env_fn(), p=0, imputer=imputer), []
+    for episode in range(1000, 1040):
+        env.reset(seed=1, options={"episode": episode})
+        while env.agents:
+            env.step({agent: coasting(agent, None) for agent in env.agents})
+            wrong.append(env.estimates[0][2] - env.sent[1][0])
+    return float(np.sqrt(np.mean(np.square(wrong))))
+
+
+def test_it_learns_how_the_others_move(drift, fitted):
+    by_fitted, by_holding = errors(drift, fitted), errors(drift, "hold")
+    assert by_fitted < 0.5 * by_holding, (by_fitted, by_holding)
+
+
+def test_it_is_an_imputer_like_others(drift, fitted):
+    again = FittedImputer(fitted.path)
+    result = evaluate(drift, coasting, imputers={"hold": "hold", "fitted": again}, levels=(1, 0), episodes=5)
+    assert result.to_pandas()["imputer"].tolist() == ["hold", "hold", "fitted", "fitted"]
+    first = LossyLinks(drift(), p=0.3, imputer=fitted)
+    second = LossyLinks(drift(), p=0.3, imputer=again)
+    for env in (first, second):
+        env.reset(seed=5)
+        env.step({"left": 1, "right": [0.0]})
+        env.step({"left": 1, "right": [0.0]})
+    assert np.array_equal(first.estimates, second.estimates)
+
+
+def test_another_environment_is_refused(fitted):
+    from mpe2 import simple_reference_v3
+
+    with pytest.raises(ValueError, match="drift"):
+        LossyLinks(simple_reference_v3.parallel_env(), imputer=fitted)
+    with pytest.raises(ValueError, match="there is no file nowhere"):
+        FittedImputer("nowhere")
