@@ -24,6 +24,7 @@ use crate::supervisor::{
     AgentCommand, Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure,
     Processes, Recorder, Session, Statistics, Steered, Team, parse_duration, signals,
 };
+#[cfg(feature = "view")]
 use crate::view::{Camera, Facts, Live};
 use crate::{failed, usage};
 
@@ -206,13 +207,13 @@ impl Spawn {
                 "--chaos needs --worlds 1: an agent is one process for all worlds, and a kill would hit them all"
             ));
         }
-        #[cfg(feature = "view")]
-        let live = self.view.then(Live::prepare).transpose()?;
-        #[cfg(not(feature = "view"))]
-        let live = None;
-        let recorder = match &self.record {
-            Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
-            None => None,
+        let onlookers = Onlookers {
+            #[cfg(feature = "view")]
+            live: self.view.then(Live::prepare).transpose()?,
+            recorder: match &self.record {
+                Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
+                None => None,
+            },
         };
         let mut summary = Summary {
             task: &task,
@@ -229,7 +230,7 @@ impl Spawn {
         };
         let (mut punctuality, mut faults) = (None, None);
         let played = if self.in_process {
-            self.play(&mut InProcess::new(&settings, &policy)?, &summary, recorder, live)?
+            self.play(&mut InProcess::new(&settings, &policy)?, &summary, onlookers)?
         } else {
             let mut team = Processes::start(&settings, &policy, self.conduct(&settings, scheduling)?)?;
             summary.scheduling = team.grants().cloned();
@@ -243,7 +244,7 @@ impl Spawn {
             if let Some(refused) = team.grants().and_then(Grants::refused) {
                 tell(&format!("note: {refused}"));
             }
-            let played = self.play(&mut team, &summary, recorder, live)?;
+            let played = self.play(&mut team, &summary, onlookers)?;
             (punctuality, faults) = (team.punctuality().cloned(), Some(team.faults().clone()));
             played
         };
@@ -286,33 +287,25 @@ impl Spawn {
     }
 
     /// Plays all episodes, or those before an interruption or a failure.
-    fn play(
-        &self,
-        team: &mut impl Team,
-        summary: &Summary,
-        mut recorder: Option<Recorder>,
-        mut live: Option<Live>,
-    ) -> Result<Played> {
+    fn play(&self, team: &mut impl Team, summary: &Summary, mut onlookers: Onlookers) -> Result<Played> {
         if !self.json {
             print(&summary.first_lines())?;
         }
         let mut links = summary.links.build().sharing_at_start(summary.comm_at_t0);
+        #[cfg(feature = "view")]
         let level = links.dial().copied();
         let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed);
         if let Some(chaos) = self.chaos {
             session = session.with_chaos(chaos, Duration::from_secs_f64(self.tick(summary.task)))?;
         }
-        let (film, control) = match &mut live {
-            Some(live) => Some(live.begin(self.facts(summary, level))?).unzip(),
-            None => (None, None),
-        };
-        session = match control {
-            Some(control) => session.steered_by(control),
-            None => session,
-        };
-        let bar = match film {
-            Some(_) => ProgressBar::hidden(),
-            None => progress_bar(self.episodes),
+        let bar = progress_bar(self.episodes);
+        #[cfg(feature = "view")]
+        let (mut session, bar, film) = match &mut onlookers.live {
+            Some(live) => {
+                let (film, control) = live.begin(self.facts(summary, level))?;
+                (session.steered_by(control), ProgressBar::hidden(), Some(film))
+            }
+            None => (session, bar, None),
         };
         let mut ledger = Ledger::telling(|statistics| {
             if !bar.is_hidden() {
@@ -321,7 +314,9 @@ impl Spawn {
             bar.set_position(statistics.finished());
         });
         let mut audit = self.audit.then(Audit::default);
+        #[cfg(feature = "view")]
         let mut camera;
+        #[cfg(feature = "view")]
         let mut observers: Vec<&mut dyn Observer> = match film {
             Some(film) => {
                 camera = Camera::new(&summary.settings.spec, &mut ledger, film);
@@ -329,19 +324,23 @@ impl Spawn {
             }
             None => vec![&mut ledger],
         };
+        #[cfg(not(feature = "view"))]
+        let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
         observers.extend(audit.as_mut().map(|audit| audit as &mut dyn Observer));
-        observers.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
+        observers.extend(onlookers.recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
         let ended = session.play(team, self.episodes, &mut observers);
         let statistics = ledger.into_statistics();
         bar.finish_and_clear();
-        live.into_iter().for_each(Live::close);
+        // The terminal is given back.
+        #[cfg(feature = "view")]
+        drop(onlookers.live);
         let played = statistics.finished();
         let steered = session.steered().cloned();
         let ended = match ended {
             Ok(()) if played == 0 => {
                 return Err(Error::Interrupted("ended before an episode was over".to_owned()));
             }
-            Ok(()) => recorder.map_or(Ok(()), Recorder::finish),
+            Ok(()) => onlookers.recorder.map_or(Ok(()), Recorder::finish),
             // What is finished is worth reporting; half a recording is worth nothing.
             Err(e) if played == 0 => return Err(e),
             Err(Error::Interrupted(_)) => {
@@ -353,6 +352,7 @@ impl Spawn {
     }
 
     /// What there is to know for whoever watches.
+    #[cfg(feature = "view")]
     fn facts(&self, summary: &Summary, level: Option<f64>) -> Facts {
         let settings = summary.settings;
         let facts = Facts::of(&settings.spec);
@@ -491,6 +491,13 @@ struct Played {
     steered: Option<Steered>,
     /// Why not all of them were, if so.
     ended: Result<()>,
+}
+
+/// Who looks on, apart from those who count.
+struct Onlookers {
+    #[cfg(feature = "view")]
+    live: Option<Live>,
+    recorder: Option<Recorder>,
 }
 
 /// Reads a time such as `1s` or `500ms`.

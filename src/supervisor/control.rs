@@ -6,6 +6,7 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 
 use super::{Event, Order, Stage, signals};
 use crate::base::error::Result;
+use crate::usage;
 
 /// What can be asked of a session that plays.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,7 +17,7 @@ pub enum Command {
     Step,
     /// Play on.
     Resume,
-    /// Play so many ticks a second at most; `None` for as many as it can.
+    /// Play so many ticks a second at most; `None` for as many as it can. No tick is waited for longer than an hour.
     Pace(Option<f64>),
     /// Have links deliver with this probability from the next tick on: the first level in the chain of links. Without
     /// one nothing changes.
@@ -59,6 +60,9 @@ pub struct Control {
 /// How long a signal may go unnoticed while a session stands still.
 const LONGEST_WAIT: Duration = Duration::from_millis(50);
 
+/// The longest time from a tick to the next.
+const LONGEST_PERIOD: Duration = Duration::from_secs(3600);
+
 impl Control {
     /// Both ends.
     pub fn new() -> (Sender<Command>, Control) {
@@ -75,10 +79,13 @@ impl Control {
 
     /// Waits until the next tick is to be played, and adds what is to happen to agents before it. False if there is to be
     /// none.
+    ///
+    /// # Errors
+    /// `Usage` if a command cannot be carried out; `Interrupted` if the program was asked to stop.
     pub(super) fn await_tick(&mut self, stage: &mut Stage, orders: &mut Vec<Order>) -> Result<bool> {
         loop {
             while let Ok(command) = self.commands.try_recv() {
-                self.take(command, stage, orders);
+                self.take(command, stage, orders)?;
             }
             if self.steered.ended {
                 return Ok(false);
@@ -96,23 +103,26 @@ impl Control {
             }
             signals::check_stop()?;
             match self.commands.recv_timeout(wait.min(LONGEST_WAIT)) {
-                Ok(command) => self.take(command, stage, orders),
+                Ok(command) => self.take(command, stage, orders)?,
                 Err(error) if error.is_disconnected() => (self.stands, self.next) = (false, now),
                 Err(_) => {}
             }
         }
     }
 
-    fn take(&mut self, command: Command, stage: &mut Stage, orders: &mut Vec<Order>) {
+    fn take(&mut self, command: Command, stage: &mut Stage, orders: &mut Vec<Order>) -> Result<()> {
         match command {
             Command::Pause => self.stands = true,
             Command::Step => (self.stands, self.steps) = (true, self.steps + 1),
             Command::Resume => (self.stands, self.steps, self.next) = (false, 0, Instant::now()),
             Command::Pace(rate) => {
-                self.period = rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(1.0 / rate));
+                self.period = rate.map_or(Ok(Duration::ZERO), period)?;
                 self.next = Instant::now();
             }
             Command::Level(p) => {
+                if !(0.0..=1.0).contains(&p) {
+                    return Err(usage!("a probability of delivery is 0 to 1, not {p}"));
+                }
                 if let Some(dial) = stage.dial() {
                     *dial = p;
                     self.steered.level = Some(p);
@@ -120,6 +130,10 @@ impl Control {
                 }
             }
             Command::Order(order) => {
+                let agents = stage.spec().n_agents();
+                if order.agent >= agents {
+                    return Err(usage!("there are agents 0 to {}, not {}", agents - 1, order.agent));
+                }
                 orders.push(order);
                 match order.event {
                     Event::Kill => self.steered.kills += 1,
@@ -129,7 +143,16 @@ impl Control {
             }
             Command::End => self.steered.ended = true,
         }
+        Ok(())
     }
+}
+
+/// The time from a tick to the next at so many ticks a second.
+fn period(rate: f64) -> Result<Duration> {
+    if rate.is_nan() || rate <= 0.0 {
+        return Err(usage!("a pace is more than 0 ticks a second, not {rate}; stand still with `Pause`"));
+    }
+    Ok(Duration::try_from_secs_f64(1.0 / rate).unwrap_or(LONGEST_PERIOD).min(LONGEST_PERIOD))
 }
 
 impl Steered {
@@ -142,7 +165,8 @@ impl Steered {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{AgentSettings, PolicySource, Registry};
+    use crate::agent::{AgentSettings, PolicySource};
+    use crate::base::error::Error;
     use crate::environment::Task;
     use crate::link::{LinkSpec, Links};
     use crate::supervisor::{Decisions, InProcess, Ledger, Observer, Session, Statistics};
@@ -161,29 +185,28 @@ mod tests {
     fn play(
         links: Links,
         first: &[Command],
-        mut then: impl FnMut(u64, u64, &mut Option<Sender<Command>>),
+        then: impl FnMut(u64, u64, &mut Option<Sender<Command>>),
     ) -> (Statistics, Steered) {
+        try_to_play(links, first, then).unwrap()
+    }
+
+    fn try_to_play(
+        links: Links,
+        first: &[Command],
+        mut then: impl FnMut(u64, u64, &mut Option<Sender<Command>>),
+    ) -> Result<(Statistics, Steered)> {
         let task = Task::parse("hear-see").unwrap();
         let policy = PolicySource::Builtin.load(task.spec()).unwrap();
-        let settings = AgentSettings {
-            spec: task.spec().clone(),
-            policy: PolicySource::Builtin,
-            imputer: "hold".to_owned(),
-            registry: Registry::default(),
-            greedy: false,
-            seed: 0,
-            worlds: 1,
-            longest_delay: links.longest_delay(),
-            tell_logits: false,
-        };
+        let longest_delay = links.longest_delay();
+        let settings = AgentSettings { longest_delay, ..AgentSettings::of(task.spec()) };
         let mut team = InProcess::new(&settings, &policy).unwrap();
         let (commands, control) = Control::new();
         first.iter().for_each(|command| commands.send(*command).unwrap());
         let mut session = Session::new(task.environment(1), links, 0).steered_by(control);
         let (mut ledger, mut commands) = (Ledger::default(), Some(commands));
         let mut then = Then(|tick, absent| then(tick, absent, &mut commands));
-        session.play(&mut team, 2, &mut [&mut ledger, &mut then]).unwrap();
-        (ledger.into_statistics(), session.steered().unwrap().clone())
+        session.play(&mut team, 2, &mut [&mut ledger, &mut then])?;
+        Ok((ledger.into_statistics(), session.steered().unwrap().clone()))
     }
 
     fn send(commands: &Option<Sender<Command>>, command: Command) {
@@ -228,6 +251,19 @@ mod tests {
         let first = [Command::Pace(Some(1e-3)), Command::Step];
         let (statistics, steered) = play(Links::level(1.0), &first, |_, _, commands| drop(commands.take()));
         assert_eq!((statistics.ticks(), steered), (50, Steered::default()));
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused() {
+        let nobody = Order { agent: 2, event: Event::Kill };
+        let levels = [f64::NAN, 2.0, -0.1].map(Command::Level);
+        let paces = [f64::NAN, 0.0, -0.0, -1.0].map(|rate| Command::Pace(Some(rate)));
+        for command in levels.into_iter().chain(paces).chain([Command::Order(nobody)]) {
+            let refused = try_to_play(Links::level(1.0), &[command], |_, _, _| {});
+            assert!(matches!(refused, Err(Error::Usage(_))), "{command:?}: {refused:?}");
+        }
+        assert_eq!([1e-19, f64::MIN_POSITIVE / 2.0].map(|rate| period(rate).unwrap()), [LONGEST_PERIOD; 2]);
+        assert_eq!(period(f64::INFINITY).unwrap(), Duration::ZERO);
     }
 
     #[test]

@@ -82,7 +82,8 @@ impl Session {
     /// to end.
     ///
     /// # Errors
-    /// `Usage` if the links postpone by more than the team was started for; `Interrupted` if the program was asked to
+    /// `Usage` if the links postpone by more than the team was started for, or a control asks for what cannot be;
+    /// `Interrupted` if the program was asked to
     /// stop; whatever the team or an observer fails with.
     pub fn play(
         &mut self,

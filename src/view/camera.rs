@@ -237,7 +237,7 @@ fn totals(statistics: &Statistics) -> Totals {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{AgentSettings, PolicySource, Registry};
+    use crate::agent::{AgentSettings, PolicySource};
     use crate::environment::Task;
     use crate::link::{LinkSpec, Links};
     use crate::supervisor::{InProcess, Session};
@@ -271,17 +271,8 @@ mod tests {
     fn see(task: &str, links: Links, every: u64) -> (Eye, Statistics) {
         let task = Task::parse(task).unwrap();
         let policy = PolicySource::Builtin.load(task.spec()).unwrap();
-        let settings = AgentSettings {
-            spec: task.spec().clone(),
-            policy: PolicySource::Builtin,
-            imputer: "hold".to_owned(),
-            registry: Registry::default(),
-            greedy: false,
-            seed: 0,
-            worlds: 1,
-            longest_delay: links.longest_delay(),
-            tell_logits: false,
-        };
+        let longest_delay = links.longest_delay();
+        let settings = AgentSettings { longest_delay, ..AgentSettings::of(task.spec()) };
         let mut team = InProcess::new(&settings, &policy).unwrap();
         let mut session = Session::new(task.environment(1), links, 0);
         let (pictures, film) = Pictures::new();

@@ -129,9 +129,6 @@ impl Desk {
     }
 
     fn order(&mut self, event: Event) -> Meaning {
-        if self.recorded {
-            return self.refuse("agents stay as they are in a recorded run");
-        }
         let (agent, bit) = (self.chosen, 1 << self.chosen);
         let is_down = self.down & bit != 0;
         let event = if is_down { Event::Return } else { event };
@@ -255,9 +252,11 @@ mod tests {
         assert_eq!(press(&mut fixed, "]"), [Meaning::Seen]);
         assert!(fixed.notice.contains("no level"), "{fixed:?}");
         let mut recorded = desk(Some(10.0), Some(0.5), true);
-        assert_eq!(press(&mut recorded, "]kx"), [Meaning::Seen; 3]);
+        assert_eq!(press(&mut recorded, "]["), [Meaning::Seen; 2]);
         assert!(recorded.notice.contains("recorded"), "{recorded:?}");
         press(&mut recorded, "n");
         assert_eq!(recorded.notice, "", "a notice goes with the next key");
+        let killed = Command::Order(Order { agent: 1, event: Event::Kill });
+        assert_eq!(press(&mut recorded, "k"), [Meaning::Told(killed)], "a trace says who was absent");
     }
 }

@@ -29,7 +29,7 @@ pub(crate) struct Facts {
     pub(crate) pace: Option<f64>,
     /// The probability of delivery, if links have one that can be set.
     pub(crate) level: Option<f64>,
-    /// Whether the run is recorded: a trace can say neither that links change nor that agents are not there.
+    /// Whether the run is recorded: a trace cannot say that links change.
     pub(crate) recorded: bool,
 }
 

@@ -1,7 +1,7 @@
 //! The live view: a thread that draws what the camera takes, and passes on what keys ask for.
 
 use std::collections::VecDeque;
-use std::io::{self, BufWriter, IsTerminal, Write};
+use std::io::{self, IsTerminal, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -17,7 +17,7 @@ use super::desk::{Desk, Meaning};
 use super::doubt::Doubt;
 use super::draw::{self, Look};
 use super::scene::Scene;
-use super::terminal::{Terminal, give_back};
+use super::terminal::{Terminal, give_back, give_back_within};
 use super::theme::Theme;
 use super::{Facts, world};
 use crate::base::error::Result;
@@ -40,6 +40,9 @@ const PICTURES: u32 = 20;
 
 /// How long a view may take to close. Its terminal is given back in any case.
 const LONGEST_CLOSE: Duration = Duration::from_secs(1);
+
+/// How long a terminal that is given back may go unread.
+const LONGEST_UNREAD: Duration = Duration::from_secs(10);
 
 impl Live {
     /// Finds a terminal, and starts the thread that will draw. A thread that is started later would be pinned and scheduled
@@ -94,11 +97,6 @@ impl Live {
         let _ = self.begin.send(drawer);
         Ok((film, control))
     }
-
-    /// Gives the terminal back.
-    pub(crate) fn close(self) {
-        drop(self);
-    }
 }
 
 impl Drop for Live {
@@ -107,7 +105,7 @@ impl Drop for Live {
         // One that has not begun ends by this.
         self.begin = bounded(0).0;
         let _ = self.done.recv_timeout(LONGEST_CLOSE);
-        give_back();
+        give_back_within(LONGEST_UNREAD);
         release_words();
     }
 }
@@ -127,7 +125,7 @@ struct Drawer {
     speed: Speed,
 }
 
-type Canvas = ratatui::Terminal<TermionBackend<BufWriter<Terminal>>>;
+type Canvas = ratatui::Terminal<TermionBackend<Terminal>>;
 
 impl Drawer {
     /// Draws until it is told to close.
@@ -149,6 +147,7 @@ impl Drawer {
                     Meaning::Seen | Meaning::Nothing => {}
                 }
             }
+            let is_free = self.terminal.send()?;
             if Instant::now() < next {
                 continue;
             }
@@ -159,7 +158,8 @@ impl Drawer {
                 Err(TryRecvError::Disconnected) => return Ok(()),
             }
             let is_resized = self.canvas.as_ref().map(|(_, area)| *area) != Some(self.terminal.area()?);
-            if is_old || is_resized {
+            // Where the last picture is still on its way, this one is dropped.
+            if is_free && (is_old || is_resized) {
                 self.draw()?;
                 is_old = false;
             }
@@ -206,7 +206,7 @@ impl Drawer {
 /// An empty canvas.
 fn canvas(terminal: &Terminal, area: Rect) -> io::Result<Canvas> {
     terminal.clone().write_all(b"\x1b[2J")?;
-    let backend = TermionBackend::new(BufWriter::with_capacity(1 << 16, terminal.clone()));
+    let backend = TermionBackend::new(terminal.clone());
     ratatui::Terminal::with_options(backend, TerminalOptions { viewport: Viewport::Fixed(area) })
 }
 

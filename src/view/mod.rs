@@ -8,14 +8,11 @@
 //!
 //! The camera is on the swarm's side. All the rest is on a thread of its own, which nobody waits for.
 
-#![cfg_attr(not(feature = "view"), allow(dead_code))]
-
-mod camera;
-mod facts;
 pub(crate) mod film;
 pub(crate) mod places;
-mod scene;
 
+#[cfg(feature = "view")]
+mod camera;
 #[cfg(feature = "view")]
 mod desk;
 #[cfg(feature = "view")]
@@ -23,11 +20,15 @@ mod doubt;
 #[cfg(feature = "view")]
 mod draw;
 #[cfg(feature = "view")]
+mod facts;
+#[cfg(feature = "view")]
 mod keys;
-#[cfg_attr(not(feature = "view"), path = "blind.rs")]
+#[cfg(feature = "view")]
 mod live;
 #[cfg(feature = "view")]
 mod panels;
+#[cfg(feature = "view")]
+mod scene;
 #[cfg(feature = "view")]
 mod terminal;
 #[cfg(feature = "view")]
@@ -35,8 +36,9 @@ mod theme;
 #[cfg(feature = "view")]
 mod world;
 
+#[cfg(feature = "view")]
 pub(crate) use camera::Camera;
-#[cfg(not(feature = "view"))]
-pub(crate) use camera::Film;
+#[cfg(feature = "view")]
 pub(crate) use facts::Facts;
+#[cfg(feature = "view")]
 pub(crate) use live::Live;

@@ -8,12 +8,13 @@ use std::os::fd::OwnedFd;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 
-use crate::common::{PROGRAM, children, is_running};
+use crate::common::{PROGRAM, children, is_running, succeed};
 
 /// Longer than anything takes here.
 const LONG: Duration = Duration::from_secs(60);
@@ -85,6 +86,18 @@ impl Seat {
         }
     }
 
+    /// Has the program draw and reads nothing of it, until no more fits into the terminal.
+    fn fill(&mut self) {
+        let deadline = Instant::now() + LONG;
+        while poll(&mut [PollFd::new(&self.terminal, PollFlags::OUT)], Some(&Timespec::default())).unwrap()
+            > 0
+        {
+            assert!(Instant::now() < deadline, "there is always room");
+            self.press("\x0c");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     fn id(&self) -> Pid {
         Pid::from_child(&self.program)
     }
@@ -131,7 +144,7 @@ fn in_session(options: &[&str], words: &str) -> Command {
 #[test]
 fn keys_pause_step_choose_set_p_and_end() {
     let mut seat = Seat::of("--agents 4 --p 0.5 --in-process --episodes 100000", 80, 24);
-    seat.sees(&["spread-xy-4  episode 1 of 100000", "speed x1", "the world as agent 0 knows it", "q quit"]);
+    seat.sees(&["spread-xy-4  episode", "of 100000", "speed x1", "the world as agent 0 knows it", "q quit"]);
     seat.press(" ");
     seat.sees(&["paused"]);
     let step = |seat: &Seat| seat.text().split("step ").nth(1).unwrap().split(' ').next().unwrap().to_owned();
@@ -161,14 +174,12 @@ fn keys_pause_step_choose_set_p_and_end() {
 
 #[test]
 fn who_interrupts_or_ends_it_gets_the_terminal_back() {
-    let shows = "--in-process --episodes 100000";
-    let mut interrupted = Seat::of(shows, 80, 24);
-    let mut ended = Seat::of(shows, 100, 30);
-    interrupted.sees(&["hear-see  episode 1"]);
-    interrupted.press("\x03");
-    ended.sees(&["hear-see  episode 1"]);
-    kill_process(ended.id(), Signal::TERM).unwrap();
-    for seat in [interrupted, ended] {
+    let interrupt: fn(&mut Seat) = |seat| seat.press("\x03");
+    let end: fn(&mut Seat) = |seat| kill_process(seat.id(), Signal::TERM).unwrap();
+    for stop in [interrupt, end] {
+        let mut seat = Seat::of("--in-process --episodes 100000", 80, 24);
+        seat.sees(&["hear-see  episode"]);
+        stop(&mut seat);
         let (code, text) = seat.ends();
         assert_eq!(code, Some(130), "{text}");
         assert!(text.contains("error: interrupted"), "{text}");
@@ -178,7 +189,7 @@ fn who_interrupts_or_ends_it_gets_the_terminal_back() {
 #[test]
 fn a_run_that_fails_says_so_on_a_terminal_that_is_whole() {
     let mut seat = Seat::of("--agents 2 --on-failure abort --episodes 100000", 80, 24);
-    seat.sees(&["episode 1 of"]);
+    seat.sees(&["speed x1"]);
     seat.press(" ");
     seat.sees(&["paused"]);
     kill_process(children(seat.program.id())[0], Signal::KILL).unwrap();
@@ -186,6 +197,44 @@ fn a_run_that_fails_says_so_on_a_terminal_that_is_whole() {
     let (code, text) = seat.ends();
     assert_eq!(code, Some(1), "{text}");
     assert!(text.contains("was killed by signal 9"), "{text}");
+}
+
+#[test]
+fn who_does_not_read_misses_pictures_and_nothing_else() {
+    let mut seat = Seat::of("--in-process --episodes 100000", 200, 60);
+    seat.sees(&["the world as agent 0 knows it"]);
+    seat.fill();
+    std::thread::sleep(Duration::from_millis(1100));
+    seat.press("\t+");
+    seat.sees(&["the world as agent 1 knows it", "speed x2"]);
+    // Nor does it matter at the end.
+    seat.fill();
+    seat.press("\x03");
+    std::thread::sleep(Duration::from_millis(300));
+    let (code, text) = seat.ends();
+    assert_eq!(code, Some(130), "{text}");
+    assert!(text.contains("error: interrupted"), "{text}");
+}
+
+#[test]
+fn a_trace_says_who_was_killed_by_hand() {
+    let folder = tempfile::tempdir().unwrap();
+    let trace = folder.path().join("run.json");
+    let words = format!("--agents 4 --p 0.5 --in-process --episodes 20 --record {}", trace.display());
+    let mut seat = Seat::of(&words, 80, 24);
+    seat.sees(&["speed x1"]);
+    seat.press(" ]");
+    seat.sees(&["p stays as it is in a recorded run"]);
+    seat.press("k.");
+    seat.sees(&["it is not there"]);
+    seat.press("km ");
+    let (code, text) = seat.ends();
+    assert_eq!(code, Some(0), "{text}");
+    assert!(text.contains("1 kill"), "{text}");
+    succeed(&format!("verify {}", trace.display()));
+    let trace: serde_json::Value = serde_json::from_slice(&std::fs::read(&trace).unwrap()).unwrap();
+    let episodes = trace["episodes"].as_array().unwrap();
+    assert!(episodes.iter().any(|episode| episode["presence"].is_array()), "{text}");
 }
 
 #[test]
