@@ -76,14 +76,18 @@ impl Seat {
         self.screen.screen().contents()
     }
 
-    /// Takes in what the program has written since.
-    fn read(&mut self) {
+    /// Takes in what the program has written since. Whether it was anything.
+    fn read(&mut self) -> bool {
         let mut bytes = [0; 1 << 16];
         match self.keyboard.read(&mut bytes) {
             Ok(read) => self.screen.process(&bytes[..read]),
-            Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::sleep(Duration::from_millis(5)),
+            Err(e) if e.kind() == ErrorKind::WouldBlock => {
+                std::thread::sleep(Duration::from_millis(5));
+                return false;
+            }
             Err(e) => panic!("{e}"),
         }
+        true
     }
 
     /// Has the program draw and reads nothing of it, until no more fits into the terminal.
@@ -113,7 +117,7 @@ impl Seat {
             }
             assert!(Instant::now() < deadline, "it does not end:\n{}", self.text());
         };
-        self.read();
+        while self.read() {}
         let (screen, text) = (self.screen.screen(), self.text());
         assert!(!screen.alternate_screen() && !screen.hide_cursor(), "{text}");
         let modes = tcgetattr(&self.terminal).unwrap().local_modes;
