@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
+#[cfg(feature = "view")]
+use indicatif::ProgressDrawTarget;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::requirement::{self, Requirement};
@@ -291,21 +293,20 @@ impl Spawn {
         if !self.json {
             print(&summary.first_lines())?;
         }
-        let mut links = summary.links.build().sharing_at_start(summary.comm_at_t0);
-        #[cfg(feature = "view")]
-        let level = links.dial().copied();
+        let links = summary.links.build().sharing_at_start(summary.comm_at_t0);
         let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed);
         if let Some(chaos) = self.chaos {
             session = session.with_chaos(chaos, Duration::from_secs_f64(self.tick(summary.task)))?;
         }
         let bar = progress_bar(self.episodes);
         #[cfg(feature = "view")]
-        let (mut session, bar, film) = match &mut onlookers.live {
+        let (mut session, film) = match &mut onlookers.live {
             Some(live) => {
-                let (film, control) = live.begin(self.facts(summary, level))?;
-                (session.steered_by(control), ProgressBar::hidden(), Some(film))
+                bar.set_draw_target(ProgressDrawTarget::hidden());
+                let (film, control) = live.begin(self.facts(summary))?;
+                (session.steered_by(control), Some(film))
             }
-            None => (session, bar, None),
+            None => (session, None),
         };
         let mut ledger = Ledger::telling(|statistics| {
             if !bar.is_hidden() {
@@ -353,7 +354,7 @@ impl Spawn {
 
     /// What there is to know for whoever watches.
     #[cfg(feature = "view")]
-    fn facts(&self, summary: &Summary, level: Option<f64>) -> Facts {
+    fn facts(&self, summary: &Summary) -> Facts {
         let settings = summary.settings;
         let facts = Facts::of(&settings.spec);
         Facts {
@@ -362,7 +363,7 @@ impl Spawn {
             imputer: settings.imputer.clone(),
             links: summary.links.p().map_or(summary.links.to_string(), |_| String::new()),
             pace: facts.pace.filter(|_| self.rate.is_none()),
-            level,
+            level: summary.links.build().dial().copied(),
             recorded: self.record.is_some(),
             ..facts
         }

@@ -57,6 +57,7 @@ impl Places {
     }
 
     /// Whether both coordinates of an agent are told.
+    #[cfg(any(feature = "view", test))]
     pub(crate) fn tell(&self, agent: usize) -> bool {
         self.agents[agent].iter().all(|told| !told.is_empty())
     }
