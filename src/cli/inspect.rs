@@ -9,7 +9,7 @@ use super::{print, print_json, table};
 use crate::base::error::Result;
 use crate::base::stats::mean;
 use crate::nn::{Input, PolicyFile, PredictorSpec, Sigma};
-use crate::recording::Recording;
+use crate::recording::{Episode, Presence, Reader};
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
 use crate::verify::FileKind;
@@ -22,7 +22,7 @@ Examples:
   vamaro-swarm inspect runs/hs-0/checkpoint.safetensors
   vamaro-swarm inspect trace.json --json")]
 pub struct Inspect {
-    /// A policy file or checkpoint (.safetensors), a trace or recording (.json), or the folder of a training run
+    /// A policy file or checkpoint (.safetensors), a trace or recording, or the folder of a training run
     file: PathBuf,
 
     /// Print it as one JSON object
@@ -146,16 +146,28 @@ fn checkpoint(checkpoint: &Checkpoint) -> Content {
 }
 
 fn recording(path: &Path) -> Result<Content> {
-    let recording = Recording::read(path)?;
-    let header = &recording.header;
-    let returns: Vec<f64> = recording.episodes.iter().map(|episode| episode.episode_return).collect();
-    let rows = recording.episodes.iter().enumerate().take(MOST_ROWS).map(|(number, episode)| {
+    let recording = Reader::open(path)?;
+    let (header, is_trace) = (recording.header.clone(), recording.is_trace());
+    let (mut episodes, mut befell) = (Vec::new(), Befell::default());
+    for (number, episode) in (0..).zip(recording) {
+        let episode = episode?;
+        let of_this = Befell::of(&episode);
+        befell = befell.and(&of_this);
+        episodes.push(Listed {
+            number: episode.episode.unwrap_or(number),
+            p: episode.p,
+            episode_return: episode.episode_return,
+            delivery_rate: delivered_share(&episode),
+            befell: of_this,
+        });
+    }
+    let returns: Vec<f64> = episodes.iter().map(|episode| episode.episode_return).collect();
+    let rows = episodes.iter().take(MOST_ROWS).map(|episode| {
         vec![
-            episode.episode.unwrap_or(number as u64).to_string(),
+            episode.number.to_string(),
             episode.p.map_or("-".to_owned(), |p| format!("{p:.3}")),
             format!("{:.2}", episode.episode_return),
-            delivered_share(&episode.delivered)
-                .map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share)),
+            episode.delivery_rate.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share)),
         ]
     });
     let rows = table(&["episode", "p", "return", "delivered"], rows);
@@ -164,47 +176,100 @@ fn recording(path: &Path) -> Result<Content> {
         all => format!("and {} more\n", all - MOST_ROWS),
     };
     let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "unknown".to_owned());
-    let kind = if recording.is_trace() { "trace" } else { "recording" };
+    let kind = if is_trace { "trace" } else { "recording" };
     let text = format!(
         "{} of {}{}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
-         policy      {}\n\n{rows}{more}",
+         policy      {}\n{}\n{rows}{more}",
         kind,
         header.task,
         header.physics.if_other(),
         header.n_agents,
-        recording.episodes.len(),
+        episodes.len(),
         header.episode_steps,
         mean(&returns),
         named(&header.actor),
         named(&header.imputer),
-        named(&header.policy)
+        named(&header.policy),
+        befell.words()
     );
-    let episodes = recording.episodes.iter().enumerate().map(|(number, episode)| {
+    let listed = episodes.iter().map(|episode| {
+        let Befell { absent, missed, late } = episode.befell;
         json!({
-            "episode": episode.episode.unwrap_or(number as u64),
+            "episode": episode.number,
             "p": episode.p,
             "return": episode.episode_return,
-            "delivery_rate": delivered_share(&episode.delivered),
+            "delivery_rate": episode.delivery_rate,
+            "absent": absent,
+            "missed": missed,
+            "late": late,
         })
     });
     let json = json!({
         "kind": kind,
         "about": header,
         "return_mean": mean(&returns),
-        "episodes": episodes.collect::<Vec<_>>(),
+        "episodes": listed.collect::<Vec<_>>(),
     });
     Ok(Content { text, json })
+}
+
+/// What is said of an episode.
+struct Listed {
+    number: u64,
+    p: Option<f64>,
+    episode_return: f64,
+    delivery_rate: Option<f64>,
+    befell: Befell,
 }
 
 /// Episodes that are listed one by one.
 const MOST_ROWS: usize = 20;
 
-/// Over i != j and t >= 1; `None` if nothing was sent.
-fn delivered_share(delivered: &[Vec<Vec<u8>>]) -> Option<f64> {
+/// Over i != j and t >= 1, of those who were there; `None` if nothing was sent.
+fn delivered_share(episode: &Episode) -> Option<f64> {
     let (mut sent, mut received) = (0, 0);
-    for (i, row) in delivered.iter().skip(1).flat_map(|step| step.iter().enumerate()) {
-        sent += row.len() - 1;
-        received += row.iter().enumerate().filter(|(j, up)| *j != i && **up == 1).count();
+    for (step, rows) in episode.delivered.iter().enumerate().skip(1) {
+        for (i, row) in rows.iter().enumerate().filter(|(i, _)| episode.presence(step, *i).decided()) {
+            for (j, up) in row.iter().enumerate().filter(|(j, _)| *j != i) {
+                sent += usize::from(episode.presence(step, j) != Presence::Absent);
+                received += usize::from(*up == 1);
+            }
+        }
     }
     (sent > 0).then(|| received as f64 / sent as f64)
+}
+
+/// What befell the agents: decisions that were not made, and observations that were late.
+#[derive(Clone, Copy, Default)]
+struct Befell {
+    absent: usize,
+    missed: usize,
+    late: usize,
+}
+
+impl Befell {
+    fn of(episode: &Episode) -> Befell {
+        let count = |which| episode.presence.iter().flatten().filter(|it| **it == which).count();
+        let late = episode.late.iter().flatten().flatten().filter(|it| **it == 1).count();
+        Befell { absent: count(Presence::Absent), missed: count(Presence::Missed), late }
+    }
+
+    fn and(&self, more: &Befell) -> Befell {
+        Befell {
+            absent: self.absent + more.absent,
+            missed: self.missed + more.missed,
+            late: self.late + more.late,
+        }
+    }
+
+    /// A line, if anything did.
+    fn words(&self) -> String {
+        let Befell { absent, missed, late } = self;
+        if absent + missed + late == 0 {
+            return String::new();
+        }
+        format!(
+            "faults      {absent} decisions of absent agents, {missed} missed, {late} observations late\n"
+        )
+    }
 }

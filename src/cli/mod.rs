@@ -12,6 +12,7 @@ pub(crate) mod machine;
 mod man;
 mod plot;
 mod progress;
+mod replay;
 mod reporter;
 mod requirement;
 mod spawn;
@@ -79,6 +80,8 @@ enum Command {
     Fit(fit::Fit),
     /// Show what a policy, checkpoint, trace or recording holds
     Inspect(inspect::Inspect),
+    /// Play recorded episodes in a browser, or draw them as a film or a frame
+    Replay(replay::Replay),
     /// Recompute recordings, traces and updates, and compare
     Verify(verify::Verify),
     /// Draw the learning curves of training runs
@@ -149,6 +152,7 @@ impl Cli {
             Command::Export(command) => command.run(),
             Command::Fit(command) => command.run(),
             Command::Inspect(command) => command.run(),
+            Command::Replay(command) => command.run(),
             Command::Verify(command) => command.run(),
             Command::Plot(command) => command.run(),
             Command::Bench(command) => command.run(),

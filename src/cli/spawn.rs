@@ -19,7 +19,7 @@ use crate::bus::Wait;
 use crate::environment::{PhysicsSpec, Task};
 use crate::link::{self, CommunicationMatrix, LinkSpec, Site, complement};
 use crate::nn::{Policy, PolicyFile};
-use crate::recording::RecordingHeader;
+use crate::recording::{FORMAT_VERSION, RecordingHeader, is_json};
 use crate::supervisor::{
     AgentCommand, Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure,
     Processes, Recorder, Session, Statistics, Steered, Team, parse_duration, signals,
@@ -100,9 +100,9 @@ pub struct Spawn {
 
     /// Ticks per second: run in real time instead of in lockstep. Agents decide halfway through each period, on what
     /// has arrived; later observations are lost. An agent that has not decided when the period ends repeats its last
-    /// action. Not with --in-process or --record
+    /// action. Not with --in-process
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true,
-        conflicts_with_all = ["in_process", "record"], help_heading = REAL_TIME)]
+        conflicts_with = "in_process", help_heading = REAL_TIME)]
     rate: Option<f64>,
 
     /// Pin each process to one core, in turn if there are fewer cores than processes
@@ -135,7 +135,7 @@ pub struct Spawn {
     /// Kill and stop agents on purpose, each with a probability per tick and for a time, such as
     /// 'kill=0.01:500ms, stop=0.005:200ms'. A killed agent returns without its memory, a stopped one continues. In
     /// lockstep the time is rounded to ticks and ends with the episode, and the same seed gives the same run. Needs --worlds 1
-    #[arg(long, value_name = "CHAOS", conflicts_with = "record", help_heading = FAULTS)]
+    #[arg(long, value_name = "CHAOS", help_heading = FAULTS)]
     chaos: Option<ChaosSpec>,
 
     /// Exit with code 3 unless the run meets this bound on return, delivered, late, missed, absent, deaths, hangs or
@@ -155,7 +155,8 @@ pub struct Spawn {
     #[arg(long)]
     audit: bool,
 
-    /// Write a trace of all episodes, which `vamaro-swarm verify` can check
+    /// Write a trace of all episodes, for `vamaro-swarm replay` and `verify`: JSON if the name ends in .json, else a compact
+    /// file, for long runs
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
 
@@ -222,6 +223,7 @@ impl Spawn {
             wait: (!self.in_process).then_some(self.wait),
             rate: self.rate,
             scheduling: None,
+            others: &self.other_agents,
             chaos: self.chaos,
             episodes: self.episodes,
         };
@@ -269,11 +271,6 @@ impl Spawn {
         let exact = self.audit || self.record.is_some();
         let usual = if exact { OnFailure::Abort } else { OnFailure::Restart };
         let on_failure = self.on_failure.unwrap_or(usual);
-        if self.record.is_some() && on_failure != OnFailure::Abort {
-            return Err(usage!(
-                "--record needs --on-failure abort: a trace cannot say which agents were absent"
-            ));
-        }
         // Ten times what an agent computes in a world, on one core for all of them.
         let rows = settings.spec.n_agents() * settings.worlds;
         let answer = self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64));
@@ -449,7 +446,7 @@ impl Spawn {
             // More worlds than episodes would have nothing to do.
             worlds: u64::from(self.worlds).min(self.episodes) as usize,
             longest_delay: links.longest_delay(),
-            tell_logits: self.record.is_some(),
+            tell_logits: self.record.as_deref().is_some_and(is_json),
         })
     }
 
@@ -475,6 +472,9 @@ impl Spawn {
             matrix: links.matrix().map(CommunicationMatrix::to_rows),
             physics: self.physics,
             comm_at_t0: Some(!self.no_comm_at_t0),
+            rate: self.rate,
+            longest_delay: settings.longest_delay,
+            format_version: Some(FORMAT_VERSION),
             version: Some(env!("CARGO_PKG_VERSION").to_owned()),
         };
         Recorder::create(path, &header)

@@ -10,7 +10,7 @@ use crate::bus::Wait;
 use crate::environment::Task;
 use crate::link::{CommunicationMatrix, LinkSpec, complement};
 use crate::nn::Meta;
-use crate::supervisor::{Audit, ChaosSpec, Faults, Injected, Punctuality, Statistics, Steered};
+use crate::supervisor::{AgentCommand, Audit, ChaosSpec, Faults, Injected, Punctuality, Statistics, Steered};
 
 /// What was asked for. With what came of it, it makes a summary.
 pub(super) struct Summary<'a> {
@@ -25,6 +25,8 @@ pub(super) struct Summary<'a> {
     pub(super) rate: Option<f64>,
     /// What the processes were granted, if they asked for anything.
     pub(super) scheduling: Option<Grants>,
+    /// Which agents are other programs, and which.
+    pub(super) others: &'a [(usize, AgentCommand)],
     /// What befalls agents on purpose.
     pub(super) chaos: Option<ChaosSpec>,
     pub(super) episodes: u64,
@@ -89,8 +91,11 @@ impl Summary<'_> {
         let mut lines = vec![
             ("policy", self.policy_words()),
             ("imputer", format!("{}, actions {actions}", self.settings.imputer)),
-            ("return", returned),
         ];
+        let others =
+            self.others.iter().map(|(agent, command)| ("by others", format!("agent-{agent}: {command}")));
+        lines.extend(others);
+        lines.push(("return", returned));
         if let Some(rate) = statistics.delivery_rate() {
             let to = if punctuality.is_some() { " to agents that decided in time" } else { "" };
             lines
@@ -209,6 +214,12 @@ impl Summary<'_> {
         });
         if !task.physics().is_default() {
             summary["physics"] = json!(task.physics());
+        }
+        if !self.others.is_empty() {
+            let command = |(agent, command): &(usize, AgentCommand)| {
+                (format!("agent-{agent}"), json!(command.to_string()))
+            };
+            summary["commands"] = self.others.iter().map(command).collect();
         }
         if let Some((chaos, injected)) = self.chaos.zip(injected) {
             summary["chaos"] = json!({"spec": chaos, "kills": injected.kills, "stops": injected.stops});

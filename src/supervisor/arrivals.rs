@@ -92,7 +92,7 @@ impl Arrivals {
     }
 
     /// Forgets what is under way to an agent that is not there, and what it has seen.
-    pub(super) fn forget_receiver(&mut self, receiver: usize) {
+    pub(crate) fn forget_receiver(&mut self, receiver: usize) {
         let agents = self.agents;
         for ages in self.arriving.chunks_exact_mut(agents * agents).chain([&mut self.seen[..]]) {
             ages[receiver * agents..][..agents].fill(NOT_ARRIVED);

@@ -18,6 +18,8 @@ pub struct InProcess<P: AgentPort = LocalPort> {
     /// The agents that are not there, bit by bit, and those of them that were killed.
     absent: u64,
     killed: u64,
+    /// Those that have not decided since they were made anew.
+    anew: u64,
     /// How often each agent was killed.
     incarnations: Vec<u32>,
     layout: Layout,
@@ -57,6 +59,7 @@ impl<P: AgentPort> InProcess<P> {
             make: Box::new(make),
             absent: 0,
             killed: 0,
+            anew: 0,
             incarnations: vec![0; spec.n_agents()],
             spec,
             layout,
@@ -79,6 +82,7 @@ impl<P: AgentPort> Team for InProcess<P> {
                     if self.killed & bit != 0 {
                         self.incarnations[*agent] += 1;
                         self.members[*agent] = (self.make)(*agent, self.incarnations[*agent])?;
+                        self.anew |= bit;
                     }
                     (self.absent, self.killed) = (self.absent & !bit, self.killed & !bit);
                 }
@@ -91,6 +95,8 @@ impl<P: AgentPort> Team for InProcess<P> {
         let (layout, worlds) = (self.layout, tick.worlds);
         decisions.resize(self.members.len(), worlds, &layout);
         decisions.leave_out(tick.absent);
+        decisions.anew = self.anew & !tick.absent;
+        self.anew &= tick.absent;
         self.draws.draw(tick);
         for (agent, member) in there(&mut self.members, tick.absent) {
             let header = Header {

@@ -105,6 +105,8 @@ pub struct Decisions {
     pub missing: u64,
     /// Those of them that were not there: absent from the beginning of the tick, or lost in it.
     pub absent: u64,
+    /// Those that decided for the first time since they were started anew: they remember nothing.
+    pub anew: u64,
     /// When each agent did what it does in a tick.
     pub times: Vec<AgentTimes>,
 }

@@ -214,6 +214,7 @@ impl Processes {
         self.await_present("decide", tick, (began, answer), |swarm| {
             swarm.take_decisions(tick, decisions, u64::MAX)
         })?;
+        decisions.anew = self.roster.anew() & self.answered & !self.roster.absent();
         self.roster.answered(self.answered);
         decisions.leave_out(self.roster.absent());
         decisions.check_nobody_late(tick)
@@ -232,6 +233,7 @@ impl Processes {
         self.answered = 0;
         self.take_decisions(tick, decisions, period.ends_ns)?;
         self.lose_dead()?;
+        decisions.anew = self.roster.anew() & self.answered & !self.roster.absent();
         self.roster.answered(self.answered);
         self.lose_silent(&period)?;
         decisions.absent = self.roster.absent() | tick.absent;

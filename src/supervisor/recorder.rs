@@ -8,7 +8,7 @@ use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{End, Spec};
 use crate::failed;
-use crate::recording::{Episode, RecordingFile, RecordingHeader};
+use crate::recording::{Episode, Presence, RecordingFile, RecordingHeader};
 
 /// Writes down what the agents saw and thought, and what the worlds did.
 #[derive(Debug)]
@@ -41,20 +41,27 @@ impl Observer for Recorder {
     }
 
     fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
-        if decisions.logits.is_empty() && stage.spec().n_actions() > 0 {
+        if self.file.is_json() && decisions.logits.is_empty() && stage.spec().n_actions() > 0 {
             return Err(failed!("a recording needs the logits; the team's settings must have `tell_logits`"));
         }
-        if decisions.absent != 0 {
-            return Err(failed!(
-                "an agent is not there, which a recording cannot say; record without faults"
-            ));
-        }
+        let team = stage.spec().n_agents();
         for world in stage.playing() {
             let (tick, episode) = (stage.tick(), &mut self.playing[world]);
+            let before = tick.step.checked_sub(1).map(|step| step as usize);
+            let was_absent =
+                |agent| before.is_some_and(|step| episode.presence(step, agent) == Presence::Absent);
+            let presence = |agent| presence(decisions, agent, was_absent(agent));
+            let presence: Vec<Presence> = (0..team).map(presence).collect();
+            episode.push_presence(tick.step as usize, presence);
             record_tick(stage.spec(), &tick, decisions, world, episode);
+            if self.file.is_json() {
+                record_thoughts(stage.spec(), &tick, decisions, world, episode);
+            }
+            let late = late(&tick, decisions, world);
+            episode.push_late(tick.step as usize, late);
             if stage.longest_delay() > 0 {
                 let age = |age: &u8| Some(*age).filter(|age| *age != NOT_ARRIVED);
-                let ages = |agent| decisions.used(&tick, agent, world).iter().map(age).collect();
+                let ages = |agent| received(&tick, decisions, agent, world).map(|it| age(&it)).collect();
                 episode.ages.push((0..tick.agents).map(ages).collect());
             }
         }
@@ -78,17 +85,60 @@ impl Observer for Recorder {
     }
 }
 
+/// Whether an agent decided.
+fn presence(decisions: &Decisions, agent: usize, was_absent: bool) -> Presence {
+    let is = |bits: u64| bits >> agent & 1 == 1;
+    if is(decisions.absent) {
+        Presence::Absent
+    } else if is(decisions.missing) {
+        Presence::Missed
+    } else if is(decisions.anew) && was_absent {
+        Presence::Anew
+    } else {
+        Presence::Decided
+    }
+}
+
+/// How old what had reached an agent was, by sender; nothing had if it did not decide.
+fn received(tick: &Tick, decisions: &Decisions, agent: usize, world: usize) -> impl Iterator<Item = u8> {
+    let decided = decisions.missing >> agent & 1 == 0;
+    let used = decisions.used(tick, agent, world).iter();
+    used.map(move |age| if decided { *age } else { NOT_ARRIVED })
+}
+
+/// What the links delivered to those who decided, of those who were there, and was late: 1, by receiver and sender.
+fn late(tick: &Tick, decisions: &Decisions, world: usize) -> Vec<Vec<u8>> {
+    let of = |agent| {
+        let pairs = tick.arriving(agent, world).iter().zip(decisions.used(tick, agent, world));
+        let late = |(sender, (arriving, used)): (usize, (&u8, &u8))| {
+            let both_there = (decisions.missing >> agent | decisions.absent >> sender) & 1 == 0;
+            u8::from(both_there && *arriving != NOT_ARRIVED && *used == NOT_ARRIVED)
+        };
+        pairs.enumerate().map(late).collect()
+    };
+    (0..tick.agents).map(of).collect()
+}
+
+/// What was done, and who had received whom.
 fn record_tick(spec: &Spec, tick: &Tick, decisions: &Decisions, world: usize, episode: &mut Episode) {
-    let (agents, joint, n_actions) = (spec.n_agents(), spec.joint_dim(), spec.n_actions());
-    let rows = || (0..agents).map(|agent| agent * tick.worlds + world);
-    episode.obs.push((0..agents).map(|agent| tick.observation(spec, agent, world).to_vec()).collect());
-    episode.actions.push((0..agents).map(|agent| decisions.action(spec, tick, agent, world)).collect());
-    let delivered =
-        |agent| decisions.used(tick, agent, world).iter().map(|age| u8::from(*age == 0)).collect();
-    episode.delivered.push((0..agents).map(delivered).collect());
-    episode
-        .joint_estimate
-        .push(rows().map(|row| decisions.estimates[row * joint..][..joint].to_vec()).collect());
-    let logits = |(agent, row)| decisions.logits[row * n_actions..][..spec.available_actions(agent)].to_vec();
-    episode.logits.push(rows().enumerate().map(logits).collect());
+    let agents = || 0..tick.agents;
+    episode.actions.push(agents().map(|agent| decisions.action(spec, tick, agent, world)).collect());
+    let delivered = |agent| received(tick, decisions, agent, world).map(|age| u8::from(age == 0)).collect();
+    episode.delivered.push(agents().map(delivered).collect());
+}
+
+/// What the agents observed and thought.
+fn record_thoughts(spec: &Spec, tick: &Tick, decisions: &Decisions, world: usize, episode: &mut Episode) {
+    let (agents, joint, n_actions) = (|| 0..tick.agents, spec.joint_dim(), spec.n_actions());
+    let row = |agent| agent * tick.worlds + world;
+    // Nothing is known of what one thought who did not decide.
+    let of_those = |values: &dyn Fn(usize) -> Vec<f32>| {
+        let decided = |agent| decisions.missing >> agent & 1 == 0;
+        agents().map(|agent| if decided(agent) { values(agent) } else { Vec::new() }).collect()
+    };
+    episode.obs.push(agents().map(|agent| tick.observation(spec, agent, world).to_vec()).collect());
+    let estimate = |agent| decisions.estimates[row(agent) * joint..][..joint].to_vec();
+    episode.joint_estimate.push(of_those(&estimate));
+    let logits = |agent| decisions.logits[row(agent) * n_actions..][..spec.available_actions(agent)].to_vec();
+    episode.logits.push(of_those(&logits));
 }

@@ -199,6 +199,11 @@ impl Roster {
         entry.presence = Presence::There;
     }
 
+    /// The agents that were started anew and have not decided since, bit by bit.
+    pub(super) fn anew(&self) -> u64 {
+        self.bits_of(|entry| entry.incarnation > 0 && !entry.has_decided)
+    }
+
     /// Notes who has decided at a tick, bit by bit.
     pub(super) fn answered(&mut self, answered: u64) {
         for (agent, entry) in self.agents.iter_mut().enumerate() {

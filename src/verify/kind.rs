@@ -43,6 +43,7 @@ impl FileKind {
         let read = File::open(path).and_then(|mut file| read_up_to(&mut file, &mut beginning));
         let beginning = &beginning[..read.map_err(|e| Error::open(path, e))?];
         Ok(match beginning {
+            _ if beginning.starts_with(recording::MAGIC) => FileKind::Recording,
             [b'P', b'K', 3, 4, ..] => FileKind::StateDict,
             // The length of a safetensors header, then the header.
             [length @ .., b'{'] if is_header_length(length) => match PolicyFile::read(path) {
@@ -105,6 +106,7 @@ mod tests {
             (b"{\"meta\":{}, \"episodes\": []}", FileKind::Recording),
             (b"PK\x03\x04 and so on", FileKind::StateDict),
             (&tensors, FileKind::Tensors),
+            (b"VSTRACE\n and so on", FileKind::Recording),
             (b"hello", FileKind::Unknown),
             (b"", FileKind::Unknown),
         ] {

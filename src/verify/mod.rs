@@ -10,17 +10,20 @@ use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 
 pub use kind::FileKind;
+use masks::Masks;
+use trace::Agents;
+use world::Worlds;
 
 use crate::agent::PolicySource;
 use crate::base::error::{Error, Result};
-use crate::recording::Recording;
+use crate::recording::Reader;
 
 /// What verification found.
 #[derive(Debug, Default)]
 pub struct Report {
     /// One entry per file and thing compared.
     pub comparisons: Vec<Comparison>,
-    /// Files of a kind that is not verified, and what they are.
+    /// Files of a kind that is not verified, and parts that cannot be, and what they are.
     pub skipped: Vec<(PathBuf, String)>,
     /// Files in folders that could not be verified, and why.
     pub failed: Vec<(PathBuf, Error)>,
@@ -108,14 +111,7 @@ fn verify_file(
 ) -> Result<()> {
     let mut skip = |what: &str| report.skipped.push((file.to_owned(), what.to_owned()));
     match kind {
-        FileKind::Recording => {
-            let recording = Recording::read(file)?;
-            report.comparisons.extend(world::compare(file, &recording)?);
-            if recording.is_trace() {
-                report.comparisons.extend(masks::compare(file, &recording)?);
-                report.comparisons.extend(trace::compare(file, &recording, policy)?);
-            }
-        }
+        FileKind::Recording => verify_recording(file, policy, report)?,
         FileKind::Updates => report.comparisons.extend(update::compare(file)?),
         FileKind::Json(Some(kind)) => skip(&format!("{kind}: not verified by this version")),
         FileKind::Json(None) => skip("JSON, but not a recording, trace or update"),
@@ -128,10 +124,46 @@ fn verify_file(
     Ok(())
 }
 
+/// Verifies a recording or a trace, episode by episode.
+fn verify_recording(file: &Path, policy: Option<&PolicySource>, report: &mut Report) -> Result<()> {
+    let recording = Reader::open(file)?;
+    let mut worlds = Worlds::of(file, &recording)?;
+    let mut masks = recording.is_trace().then(|| Masks::of(&recording)).transpose()?;
+    let mut agents = recording.is_trace().then(|| Agents::of(file, &recording, policy));
+    for (number, episode) in recording.enumerate() {
+        let episode = episode?;
+        worlds.compare(file, number, &episode)?;
+        masks.as_mut().map_or(Ok(()), |masks| masks.compare(number, &episode))?;
+        // What is wrong with the agents does not hide the worlds.
+        let compared = match &mut agents {
+            Some(Ok(agents)) => agents.compare(file, number, &episode),
+            _ => Ok(()),
+        };
+        if let Err(error) = compared {
+            agents = Some(Err(error));
+        }
+    }
+    report.comparisons.extend(worlds.compared(file));
+    report.comparisons.extend(masks.and_then(|masks| masks.compared(file)));
+    let Some(agents) = agents.transpose()? else { return Ok(()) };
+    let (comparisons, left_out) = agents.compared(file);
+    report.comparisons.extend(comparisons);
+    if left_out > 0 {
+        let what = format!(
+            "{left_out} decisions after missed ones: whether an agent saw a tick that it missed is not known"
+        );
+        report.skipped.push((file.to_owned(), what));
+    }
+    Ok(())
+}
+
 /// Collects deviations of one kind.
 #[derive(Default)]
 struct Deviations {
-    all: Vec<f64>,
+    number: usize,
+    sum: f64,
+    /// All of them, where their median is asked for.
+    all: Option<Vec<f64>>,
     largest: f64,
     worst: Option<(usize, usize)>,
     /// Episode and step that are being compared, where there are such.
@@ -139,6 +171,11 @@ struct Deviations {
 }
 
 impl Deviations {
+    /// Deviations whose median is asked for.
+    fn with_median() -> Deviations {
+        Deviations { all: Some(Vec::new()), ..Deviations::default() }
+    }
+
     /// Says which episode and step the next values are from.
     fn at(&mut self, episode: usize, step: usize) -> &mut Deviations {
         self.place = Some((episode, step));
@@ -162,7 +199,11 @@ impl Deviations {
         if deviation > self.largest || deviation.is_nan() {
             (self.largest, self.worst) = (deviation, self.place);
         }
-        self.all.push(deviation);
+        self.number += 1;
+        self.sum += deviation;
+        if let Some(all) = &mut self.all {
+            all.push(deviation);
+        }
     }
 
     fn largest(&self, file: &Path, what: &'static str, tolerance: f64) -> Comparison {
@@ -170,14 +211,18 @@ impl Deviations {
     }
 
     fn median(&self, file: &Path, what: &'static str, tolerance: f64) -> Comparison {
-        let mut sorted = self.all.clone();
+        let mut sorted = self.all.clone().expect("the median is of those that are kept");
         sorted.sort_by(f64::total_cmp);
         let median = sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN);
         self.compared(file, what, median, tolerance)
     }
 
+    fn mean(&self, file: &Path, what: &'static str, tolerance: f64) -> Comparison {
+        self.compared(file, what, self.sum / self.number as f64, tolerance)
+    }
+
     fn compared(&self, file: &Path, what: &'static str, deviation: f64, tolerance: f64) -> Comparison {
-        let (file, values, worst) = (file.to_owned(), self.all.len(), self.worst);
+        let (file, values, worst) = (file.to_owned(), self.number, self.worst);
         Comparison { file, what, values, deviation, tolerance, worst }
     }
 }

@@ -7,7 +7,7 @@ use glam::DVec2;
 use super::{Comparison, Deviations};
 use crate::base::error::{Error, Result};
 use crate::environment::{Environment, Outcome, State, Task};
-use crate::recording::{Episode, Recording};
+use crate::recording::{Episode, Reader, RecordingHeader};
 
 /// A single step from the recorded state.
 const STEP_TOLERANCE: f64 = 1e-12;
@@ -36,28 +36,54 @@ struct World {
     seed: Option<u64>,
 }
 
-pub(super) fn compare(file: &Path, recording: &Recording) -> Result<Vec<Comparison>> {
-    let task = Task::parse(&recording.header.task)?.with_physics(recording.header.physics)?;
-    check_team(&task, recording).map_err(|what| Error::io("verify", file, what))?;
-    check_draws(recording).map_err(|what| Error::io("verify", file, what))?;
-    let outcome = Outcome::of(1, task.spec().n_agents());
-    let (mut world, mut found) =
-        (World { environment: task.environment(1), outcome, seed: recording.header.seed }, Found::default());
-    for (number, episode) in recording.episodes.iter().enumerate() {
-        compare_steps(number, episode, &mut world, &mut found)?;
-        run_freely(number, episode, &mut world, &mut found)?;
-    }
-    Ok(vec![
-        found.states.largest(file, "state after a step", STEP_TOLERANCE),
-        found.rewards.largest(file, "rewards", STEP_TOLERANCE),
-        found.returns.largest(file, "return", RETURN_TOLERANCE),
-        found.observations.largest(file, "observations (ulp of f32)", 1.0),
-        found.free_run.largest(file, "state in a free run", RUN_TOLERANCE),
-    ])
+/// The worlds of a recording, and how far they are from what was recorded.
+pub(super) struct Worlds {
+    task: Task,
+    world: World,
+    found: Found,
+    /// Whether what agents observed was recorded, and not computed from the states.
+    has_observations: bool,
 }
 
-fn check_team(task: &Task, recording: &Recording) -> std::result::Result<(), String> {
-    let (header, spec) = (&recording.header, task.spec());
+impl Worlds {
+    /// The worlds of the recording in `file`.
+    pub(super) fn of(file: &Path, recording: &Reader) -> Result<Worlds> {
+        let header = &recording.header;
+        let task = Task::parse(&header.task)?.with_physics(header.physics)?;
+        check_team(&task, header).map_err(|what| Error::io("verify", file, what))?;
+        let outcome = Outcome::of(1, task.spec().n_agents());
+        let world = World { environment: task.environment(1), outcome, seed: header.seed };
+        Ok(Worlds { task, world, found: Found::default(), has_observations: !recording.is_compact() })
+    }
+
+    /// Compares an episode, the so-manieth of the file.
+    pub(super) fn compare(&mut self, file: &Path, number: usize, episode: &Episode) -> Result<()> {
+        let wrong = |what| Error::io("verify", file, what);
+        check_actions(&self.task, episode).map_err(wrong)?;
+        check_draws(&self.task, self.world.seed, episode).map_err(wrong)?;
+        compare_steps(number, episode, &mut self.world, &mut self.found)?;
+        run_freely(number, episode, &mut self.world, &mut self.found)
+    }
+
+    /// What was compared.
+    pub(super) fn compared(&self, file: &Path) -> Vec<Comparison> {
+        let Found { states, rewards, returns, observations, free_run } = &self.found;
+        let observed =
+            self.has_observations.then(|| observations.largest(file, "observations (ulp of f32)", 1.0));
+        [
+            states.largest(file, "state after a step", STEP_TOLERANCE),
+            rewards.largest(file, "rewards", STEP_TOLERANCE),
+            returns.largest(file, "return", RETURN_TOLERANCE),
+        ]
+        .into_iter()
+        .chain(observed)
+        .chain([free_run.largest(file, "state in a free run", RUN_TOLERANCE)])
+        .collect()
+    }
+}
+
+fn check_team(task: &Task, header: &RecordingHeader) -> std::result::Result<(), String> {
+    let spec = task.spec();
     let (expected, found) = ((spec.n_agents(), spec.landmarks), (header.n_agents, header.n_landmarks));
     if expected != found {
         return Err(format!(
@@ -69,8 +95,11 @@ fn check_team(task: &Task, recording: &Recording) -> std::result::Result<(), Str
         let (found, expected) = (header.episode_steps, spec.episode_steps);
         return Err(format!("its episodes have up to {found} steps, those of {} {expected}", spec.id));
     }
-    let mut actions =
-        recording.episodes.iter().flat_map(|e| &e.actions).flat_map(|team| team.iter().zip(&spec.agents));
+    Ok(())
+}
+
+fn check_actions(task: &Task, episode: &Episode) -> std::result::Result<(), String> {
+    let mut actions = episode.actions.iter().flat_map(|team| team.iter().zip(&task.spec().agents));
     match actions.find(|(action, agent)| !agent.actions.contains(&action.words(0))) {
         Some((action, agent)) => Err(format!("{} has no action {action}", agent.name)),
         None => Ok(()),
@@ -78,10 +107,9 @@ fn check_team(task: &Task, recording: &Recording) -> std::result::Result<(), Str
 }
 
 /// Whether what is random in steps can be drawn again.
-fn check_draws(recording: &Recording) -> std::result::Result<(), String> {
-    let (header, mut episodes) = (&recording.header, recording.episodes.iter());
-    let addressed = header.seed.is_some() && episodes.all(|episode| episode.episode.is_some());
-    if header.physics.motor_noise > 0.0 && !addressed {
+fn check_draws(task: &Task, seed: Option<u64>, episode: &Episode) -> std::result::Result<(), String> {
+    let addressed = seed.is_some() && episode.episode.is_some();
+    if task.physics().motor_noise > 0.0 && !addressed {
         return Err(
             "motor noise cannot be drawn again without `seed` and the number of each `episode`".to_owned()
         );

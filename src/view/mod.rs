@@ -12,6 +12,7 @@
 
 mod camera;
 mod facts;
+pub(crate) mod film;
 pub(crate) mod places;
 mod scene;
 

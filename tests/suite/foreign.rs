@@ -289,6 +289,7 @@ fn one_in_python_keeps_up_with_the_clock_and_is_examined() {
     assert!(output.status.success(), "{}", stderr(&output));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["faults"]["hangs"], 0, "{summary}");
+    assert_eq!(summary["commands"]["agent-1"], hold(&python), "{summary}");
     let output = run_line(&["verify", "--agent", &hold(&python)]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
     let other = format!("{} --imputer velocity", "spawn --task hear-see --episodes 1");

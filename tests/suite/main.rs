@@ -8,6 +8,7 @@ mod common;
 
 mod bad_input;
 mod bench;
+mod compact;
 mod delays;
 mod dependencies;
 mod documents;
@@ -24,6 +25,7 @@ mod physics;
 mod plot;
 mod policies;
 mod processes;
+mod replay;
 mod resume;
 mod rollouts;
 mod rooms;

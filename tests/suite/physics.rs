@@ -31,7 +31,7 @@ fn a_recorded_swarm_is_the_same_anywhere_and_is_taken_back() {
         .collect();
     assert!(traces.iter().all(|trace| *trace == traces[0]));
     let table = succeed(&format!("verify {}", trace.display()));
-    assert!(table.contains("all 9 comparisons hold"), "{table}");
+    assert!(table.contains("all 10 comparisons hold"), "{table}");
     let said = succeed(&format!("inspect {}", trace.display()));
     assert!(said.starts_with(&format!("trace of spread-xy-4 with physics {PHYSICS}\n")), "{said}");
     // Under other physics, or with other draws of the noise, that is not what happens.

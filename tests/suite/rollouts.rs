@@ -230,6 +230,9 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
             matrix: None,
             physics: PhysicsSpec::default(),
             comm_at_t0: None,
+            rate: None,
+            longest_delay: 0,
+            format_version: None,
             version: None,
         };
         let mut recorder = Recorder::create(&file, &header).unwrap();

@@ -136,7 +136,7 @@ fn predictors_that_see_the_own_action_hold_to_the_same_promises() {
     let spawn = format!("spawn --policy {} --imputer maro --p 0.3 --episodes 3", policy.display());
     succeed(&format!("{spawn} --worlds 2 --record {}", trace.display()));
     let verified = succeed(&format!("verify {}", trace.display()));
-    assert!(verified.contains("all 9 comparisons hold"), "{verified}");
+    assert!(verified.contains("all 10 comparisons hold"), "{verified}");
     let evaluate = format!("evaluate {} --task spread-xy-2 --episodes 4 --levels 0.3", policy.display());
     succeed(&format!("{evaluate} --imputers maro,hold --report {}", folder.path("report").display()));
 }

@@ -166,7 +166,7 @@ fn a_recorded_swarm_is_taken_back() {
     ] {
         succeed(&format!("spawn {words} --record {}", trace.display()));
         let table = succeed(&format!("verify {}", trace.display()));
-        assert!(table.contains("all 9 comparisons hold"), "{table}");
+        assert!(table.contains("all 10 comparisons hold"), "{table}");
         let said = succeed(&format!("inspect {}", trace.display()));
         assert!(said.starts_with("trace of s"), "{said}");
     }
@@ -174,6 +174,57 @@ fn a_recorded_swarm_is_taken_back() {
     let words = "spawn --agents 4 --p 0.4 --episodes 3 --imputer value-aware";
     succeed(&format!("{words} --record {}", trace.display()));
     fail(&format!("verify {} --policy untrained", trace.display()), 1, &["comparisons do not hold"]);
+}
+
+#[test]
+fn who_was_absent_is_recorded_and_taken_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let words = "spawn --task hear-see --p 0.5 --episodes 8 --seed 2 --chaos kill=0.05:300ms,stop=0.05:200ms";
+    for (name, way) in [("own.json", "--in-process"), ("processes.json", "--on-failure continue")] {
+        succeed(&format!("{words} {way} --record {}", at(name)));
+        let table = succeed(&format!("verify {}", at(name)));
+        assert!(table.contains("all 10 comparisons hold"), "{table}");
+    }
+    let bytes = ["own.json", "processes.json"].map(|name| std::fs::read(at(name)).unwrap());
+    assert!(bytes[0] == bytes[1], "the same agents are absent in either");
+    let trace: Value = serde_json::from_slice(&bytes[0]).unwrap();
+    assert_eq!(trace["format_version"], 1);
+    let episodes = trace["episodes"].as_array().unwrap();
+    let all = || episodes.iter().flat_map(|episode| episode["presence"].as_array().into_iter().flatten());
+    let count =
+        |which: u64| all().flat_map(|step| step.as_array().unwrap()).filter(|it| **it == which).count();
+    assert!(count(2) > 5 && count(3) > 0, "{} absent, {} anew", count(2), count(3));
+    assert!(succeed(&format!("inspect {}", at("own.json"))).contains("decisions of absent agents, 0 missed"));
+    // An agent that was started anew remembers nothing, and one that went on does.
+    let edited = |from: &str, to: &str| {
+        let text = String::from_utf8(bytes[0].clone()).unwrap();
+        let parts = text.split("\"presence\":").enumerate().map(|(at, part)| {
+            let (array, rest) = if at == 0 { ("", part) } else { part.split_at(part.find("]]").unwrap()) };
+            format!("{}{}{rest}", if at == 0 { "" } else { "\"presence\":" }, array.replace(from, to))
+        });
+        std::fs::write(at("edited.json"), parts.collect::<String>()).unwrap();
+        format!("verify {}", at("edited.json"))
+    };
+    fail(&edited("3", "0"), 1, &["do not hold"]);
+    fail(&edited("3", "4"), 1, &["a presence is 0 to 3"]);
+    fail(&edited("2", "0"), 1, &["did not decide"]);
+}
+
+#[test]
+fn a_newer_format_is_refused_by_name_and_version() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("newer.json");
+    for rest in ["\"episodes\": []", "\"episodes\": {\"otherwise\": 1}"] {
+        std::fs::write(&path, format!("{{\"format_version\": 2, \"version\": \"9.9.9\", {rest}}}")).unwrap();
+        for command in ["verify", "inspect", "replay --html page.html"] {
+            fail(
+                &format!("{command} {}", path.display()),
+                1,
+                &["newer.json", "version 2", "vamaro-swarm 9.9.9", "up to 1"],
+            );
+        }
+    }
 }
 
 #[test]

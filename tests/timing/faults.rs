@@ -85,8 +85,6 @@ fn a_run_in_which_nobody_is_left_has_failed() {
 fn chaos_needs_one_world_and_sense() {
     fail("spawn --chaos kill=0.1 --worlds 2 --episodes 4 --in-process", 2, &["--worlds 1"]);
     fail("spawn --chaos kil=0.1", 2, &["`kill`"]);
-    fail("spawn --chaos kill=0.1 --record x.json", 2, &["--record"]);
-    fail("spawn --on-failure restart --record x.json", 2, &["--on-failure abort"]);
 }
 
 /// Hits agents before a step of the first episode.

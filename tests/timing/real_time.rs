@@ -107,12 +107,27 @@ fn a_slow_clock_can_be_interrupted() {
 }
 
 #[test]
+fn a_trace_against_the_clock_says_who_was_not_there_and_is_taken_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let trace = folder.path().join("trace.json").display().to_string();
+    succeed(&format!(
+        "spawn --task hear-see --p 0.6 --rate 100 --episodes 4 --on-failure restart --chaos stop=0.1:50ms --record {trace}"
+    ));
+    let table = succeed(&format!("verify {trace}"));
+    assert!(table.contains("all 10 comparisons hold"), "{table}");
+    let trace: Value = serde_json::from_slice(&std::fs::read(trace).unwrap()).unwrap();
+    assert_eq!(trace["rate"], 100.0);
+    let episodes = trace["episodes"].as_array().unwrap();
+    let all = episodes.iter().flat_map(|episode| episode["presence"].as_array().into_iter().flatten());
+    assert!(all.flat_map(|step| step.as_array().unwrap()).any(|it| *it == 2), "nobody was stopped");
+}
+
+#[test]
 fn rates_that_make_no_sense_are_refused() {
     for rate in ["0", "-5", "nan", "1e7", "fast"] {
         fail(&format!("spawn --rate {rate}"), 2, &["--rate", "such as 100"]);
     }
     fail("spawn --rate 100 --in-process", 2, &["--rate", "--in-process"]);
-    fail("spawn --rate 100 --record trace.json", 2, &["--rate", "--record"]);
     fail("bench rate --tasks nowhere", 2, &["nowhere"]);
     fail("bench rate --episodes 1", 2, &["--episodes"]);
 }

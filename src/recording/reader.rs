@@ -1,0 +1,92 @@
+//! Recordings of either format, read episode by episode.
+
+use std::io::{Read, Seek};
+use std::path::{Path, PathBuf};
+
+use super::compact::{CompactEpisodes, MAGIC};
+use super::{Episode, LARGEST, Recording, RecordingHeader, Versions};
+use crate::base::error::{Error, Result};
+use crate::base::regular;
+
+/// An open recording or trace. What format it has its first bytes tell.
+pub(crate) struct Reader {
+    pub(crate) header: RecordingHeader,
+    path: PathBuf,
+    episodes: Episodes,
+}
+
+enum Episodes {
+    /// JSON, which is read whole.
+    Whole {
+        episodes: std::vec::IntoIter<Episode>,
+        is_trace: bool,
+    },
+    Compact(CompactEpisodes),
+}
+
+impl Reader {
+    /// Opens the recording or trace at `path`.
+    pub(crate) fn open(path: &Path) -> Result<Reader> {
+        let mut file = regular::open(path)?;
+        regular::check(&file, path)?;
+        let unreadable = |e| Error::io("read", path, e);
+        let mut beginning = Vec::new();
+        (&mut file).take(MAGIC.len() as u64).read_to_end(&mut beginning).map_err(unreadable)?;
+        file.rewind().map_err(unreadable)?;
+        let path = path.to_owned();
+        if beginning == MAGIC {
+            let (header, episodes) = CompactEpisodes::open(file, &path)?;
+            return Ok(Reader { header, path, episodes: Episodes::Compact(episodes) });
+        }
+        let Recording { mut header, episodes } = read_json(&path)?;
+        // Older files do not say.
+        let longest_delay = episodes.iter().map(Episode::longest_delay).max().unwrap_or_default();
+        header.longest_delay = header.longest_delay.max(longest_delay);
+        let is_trace = episodes.iter().any(|episode| !episode.joint_estimate.is_empty());
+        Ok(Reader { header, path, episodes: Episodes::Whole { episodes: episodes.into_iter(), is_trace } })
+    }
+
+    /// Whether the agents' side is recorded as well.
+    pub(crate) fn is_trace(&self) -> bool {
+        match &self.episodes {
+            Episodes::Whole { is_trace, .. } => *is_trace,
+            Episodes::Compact(_) => true,
+        }
+    }
+
+    /// Whether what agents observed and thought has to be computed again. What they observed, reading does.
+    pub(crate) fn is_compact(&self) -> bool {
+        matches!(self.episodes, Episodes::Compact(_))
+    }
+}
+
+impl Iterator for Reader {
+    type Item = Result<Episode>;
+
+    fn next(&mut self) -> Option<Result<Episode>> {
+        match &mut self.episodes {
+            Episodes::Whole { episodes, .. } => episodes.next().map(Ok),
+            Episodes::Compact(episodes) => {
+                episodes.next().map(|episode| episode.map_err(|what| Error::io("read", &self.path, what)))
+            }
+        }
+    }
+}
+
+/// Reads a recording that is JSON.
+fn read_json(path: &Path) -> Result<Recording> {
+    let text = regular::read(path, LARGEST)?;
+    let recording: serde_json::Result<Recording> = serde_json::from_slice(&text);
+    // What is newer may look otherwise, too.
+    let versions: Option<Versions> = match &recording {
+        Ok(Recording { header: RecordingHeader { format_version, version, .. }, .. }) => {
+            Some(Versions { format_version: *format_version, version: version.clone() })
+        }
+        Err(_) => serde_json::from_slice(&text).ok(),
+    };
+    versions.map_or(Ok(()), Versions::check).map_err(|what| Error::io("read", path, what))?;
+    let recording =
+        recording.map_err(|e| Error::io("read", path, format!("it is not a recording or trace: {e}")))?;
+    recording.check().map_err(|what| Error::io("read", path, what))?;
+    Ok(recording)
+}
