@@ -51,7 +51,7 @@ impl Axis {
             Some((before, list, behind))
         });
         let (before, list, behind) =
-            list.ok_or_else(|| usage!("a `]` is missing behind the list of values"))?;
+            list.ok_or_else(|| usage!("a `]` is missing after the list of values"))?;
         if behind.contains('[') {
             return Err(usage!("only one parameter may have a list of values"));
         }
@@ -63,7 +63,7 @@ impl Axis {
         let at = (0..numbers[0].len())
             .find(varies)
             .filter(|_| distinct(conditions.iter()).len() == conditions.len());
-        let at = at.ok_or_else(|| usage!("`[{list}]` is no list of two or more different numbers"))?;
+        let at = at.ok_or_else(|| usage!("`[{list}]` is not a list of two or more different numbers"))?;
         let points = conditions.into_iter().zip(&numbers);
         Ok(Axis {
             links: text.to_owned(),
@@ -80,7 +80,10 @@ impl Axis {
         if self == other {
             return Ok(self);
         }
-        Err(usage!("{} means other links for teams of one size or pace than of another", self.links))
+        Err(usage!(
+            "{} means different links for these teams, since their sizes or step lengths differ",
+            self.links
+        ))
     }
 
     /// Whether these links are on it.
@@ -125,10 +128,10 @@ mod tests {
         for (text, words) in [
             ("gilbert(loss=[0.5,0.8], burst=[5,10])", "only one parameter may have a list"),
             ("delay([1,2)", "a `]` is missing"),
-            ("delay([1])", "`[1]` is no list of two or more different numbers"),
+            ("delay([1])", "`[1]` is not a list of two or more different numbers"),
             ("delay([1,1.0])", "`1.0` is not a whole number"),
-            ("latency([1,1.0])", "`[1,1.0]` is no list"),
-            ("budget(64, [turns,priority])", "is no list of two or more different numbers"),
+            ("latency([1,1.0])", "`[1,1.0]` is not a list"),
+            ("budget(64, [turns,priority])", "is not a list of two or more different numbers"),
             ("gilbert(loss=0.8, burst=[2,10])", "burst must be at least"),
             ("delay([])", "`ticks` is missing"),
             ("delei([1,2])", "nearest is `delay`"),

@@ -82,8 +82,8 @@ impl Processes {
             let own = &tick.observations[agent * words..][..words];
             if sample.words() != bytemuck::cast_slice::<f32, u32>(own) {
                 return Err(failed!(
-                    "agent-{agent} published something else than its sensor gave it, at tick {}; nothing that was \
-                     played from there on can be trusted",
+                    "agent-{agent} published something other than its sensor gave it, at tick {}; nothing played from \
+                     there on can be trusted",
                     tick.tick
                 ));
             }

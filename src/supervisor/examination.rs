@@ -334,7 +334,7 @@ impl Team for Examination {
     }
 
     fn renew(&mut self, _weights: &[f32]) -> Result<()> {
-        Err(failed!("an agent is examined with a policy that stays as it is"))
+        Err(failed!("an agent is checked with a frozen policy"))
     }
 }
 

@@ -144,7 +144,7 @@ fn keys_pause_step_choose_set_p_and_end() {
     seat.press("\t]");
     seat.sees(&["the world as agent 1 knows it", "p = 0.55", "paused"]);
     seat.press("k");
-    seat.sees(&["agent 1 is killed; k starts it anew"]);
+    seat.sees(&["agent 1 is killed; k restarts it"]);
     seat.press("..");
     seat.sees(&[" 1 absent", "it is not there"]);
     seat.press("km ");

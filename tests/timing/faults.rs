@@ -371,7 +371,7 @@ fn what_no_sensor_gave_ends_the_run() {
         assert_eq!(swarm.faults().deaths, 1);
         liar.port = Some(AgentSharedPort::open(&address, &layout, 2, 1).unwrap());
         let error = session.play(&mut swarm, 2, &mut [&mut ledger, &mut liar]).unwrap_err().to_string();
-        assert!(error.contains("agent-2 published something else"), "{error}");
+        assert!(error.contains("agent-2 published something other"), "{error}");
         assert_eq!(ledger.statistics().episodes().len(), 1);
     }
 }
