@@ -58,11 +58,12 @@ impl Axis {
         let condition = |value: &str| Condition::parse(&format!("{before}{}{behind}", value.trim()), site);
         let conditions: Vec<Condition> = list.split(',').map(condition).collect::<Result<_>>()?;
         let numbers: Vec<_> = conditions.iter().map(|condition| condition.links().numbers()).collect();
-        // The one in which they differ.
-        let varies = |at: &usize| numbers.iter().any(|of| of.get(*at) != numbers[0].get(*at));
-        let at = (0..numbers[0].len())
-            .find(varies)
-            .filter(|_| distinct(conditions.iter()).len() == conditions.len());
+        // The one in which they differ. A list may hold models instead, which have other parameters.
+        let names = |of: &[(&'static str, f64)]| of.iter().map(|(name, _)| *name).collect::<Vec<_>>();
+        let alike = numbers.iter().all(|of| names(of) == names(&numbers[0]));
+        let different = distinct(conditions.iter()).len() == conditions.len();
+        let varies = |at: &usize| numbers.iter().any(|of| of[*at] != numbers[0][*at]);
+        let at = (alike && different).then(|| (0..numbers[0].len()).find(varies)).flatten();
         let at = at.ok_or_else(|| usage!("`[{list}]` is not a list of two or more different numbers"))?;
         let points = conditions.into_iter().zip(&numbers);
         Ok(Axis {
@@ -134,6 +135,9 @@ mod tests {
             ("budget(64, [turns,priority])", "is not a list of two or more different numbers"),
             ("gilbert(loss=0.8, burst=[2,10])", "burst must be at least"),
             ("delay([])", "`ticks` is missing"),
+            ("[level(0.5),uniform]", "is not a list of two or more different numbers"),
+            ("[level(0.5),delay(2)]", "is not a list of two or more different numbers"),
+            ("delay(1) + [level(0.5),uniform]", "is not a list of two or more different numbers"),
             ("delei([1,2])", "nearest is `delay`"),
         ] {
             let error = Axis::parse(text, 2).unwrap_err().to_string();

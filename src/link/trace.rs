@@ -47,7 +47,7 @@ impl Link for Trace {
     }
 
     fn longest_delay(&self) -> u8 {
-        self.0.ticks.iter().flatten().copied().max().unwrap_or_default()
+        self.0.longest_delay
     }
 }
 
@@ -60,6 +60,8 @@ pub struct RadioLog {
     steps: usize,
     /// Ticks from sending to arrival, `[step, receiver, sender]`; `None` for what never arrived.
     ticks: Vec<Option<u8>>,
+    /// The largest of them.
+    longest_delay: u8,
 }
 
 impl RadioLog {
@@ -114,8 +116,9 @@ impl RadioLog {
                  another"
             ));
         }
-        let ticks = found.into_iter().map(|ticks| ticks.unwrap_or(Some(0))).collect();
-        Ok(RadioLog { path: String::new(), agents, steps, ticks })
+        let ticks: Vec<Option<u8>> = found.into_iter().map(|ticks| ticks.unwrap_or(Some(0))).collect();
+        let longest_delay = ticks.iter().flatten().copied().max().unwrap_or_default();
+        Ok(RadioLog { path: String::new(), agents, steps, ticks, longest_delay })
     }
 
     /// Tells logs apart, 16 hexadecimal digits (FNV-1a).
