@@ -18,11 +18,11 @@ class PolicyActor:
         self.tensors = {
             name.removeprefix(prefix): read(values, tensor) for name, tensor in about.items() if name.startswith(prefix)
         }
-        # A shared actor sees behind the estimate whose it is.
+        # A shared actor also gets the index of its agent, after the estimate.
         self.identity = np.eye(agents)[agent] if shared else None
 
     def begin(self, worlds):
-        """An episode starts in each of so many worlds."""
+        """Begins an episode in each of the worlds."""
         self.state = np.zeros((worlds, len(self.tensors["out.weight"])))
 
     def logits(self, estimates, _own):
@@ -45,8 +45,8 @@ class PolicyActor:
 
 
 class OnnxActor:
-    """An ONNX file, with a row for each world. The first input is the joint estimates, or the own observations if it is as
-    wide as these, and the first output the logits. The others are states, the n-th out of the n-th in: zero at first."""
+    """An ONNX file, with a row for each world. The first input is the joint estimates, or the own observations if it has
+    their width; the first output is the logits. The others are states, zero at first: output n becomes input n."""
 
     def __init__(self, path):
         import onnxruntime
@@ -67,7 +67,7 @@ class OnnxActor:
 
 
 def choose(logits, draw, greedy):
-    """The most probable action, or the one into whose share of [0, 1) the draw falls."""
+    """The most probable action, or the one whose share of [0, 1) contains the draw."""
     if greedy:
         return int(np.argmax(logits))
     weights = np.exp(logits.astype(np.float64) - float(logits.max()))

@@ -1,8 +1,8 @@
-"""An agent in Python that plays beside those of vamaro-swarm: what it does not hear it holds, as the imputer `hold` does.
+"""An agent in Python that plays beside those of vamaro-swarm. It imputes like `hold`: by the last value received.
 
     vamaro-swarm spawn --agents 4 --p 0.2 --imputer hold --agent '2=python3 agents/python/hold.py'
 
-It acts by the swarm's own policy, or by an ONNX file that is named behind `hold.py`.
+It acts by the swarm's own policy, or by an ONNX file given as argument.
 """
 
 import sys
@@ -20,7 +20,7 @@ def main():
     agents, unique = len(settings["spec"]["agents"]), settings["spec"]["unique"]
     available = settings["spec"]["agents"][me]["actions"]["discrete"]
     if settings["imputer"] != "hold":
-        sys.exit(f"error: this agent holds what it heard last, and was asked for `{settings['imputer']}`; use --imputer hold")
+        sys.exit(f"error: this agent imputes by `hold`, not by `{settings['imputer']}`; use --imputer hold")
     onnx = sys.argv[1:-2]
     actor = OnnxActor(onnx[0]) if onnx else PolicyActor(settings["policy"]["copy"], me, agents)
     episode, carried = None, None
@@ -30,13 +30,13 @@ def main():
         if not port.await_peers():
             return
         received_ns = time.monotonic_ns()
-        sensor = port.own  # against the clock, a newer one may have come
+        sensor = port.own  # in real time, a newer one may have come
         worlds = sensor.header.worlds
         if sensor.header.step == 0 or sensor.header.episode != episode:
             episode, carried = sensor.header.episode, np.zeros((worlds, agents, unique), np.float32)
             actor.begin(worlds)
 
-        # The joint estimate: of each agent the values that are its own, then those that are the same for all.
+        # The joint estimate: each agent's own values, then those that are the same for all.
         ages = np.full((worlds, agents), NOT_ARRIVED, np.uint8)
         for world in range(worlds):
             for sender in range(agents):

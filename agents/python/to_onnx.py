@@ -1,9 +1,9 @@
-"""Writes the actor of one agent of a policy file as ONNX, such as hold.py and other programs run.
+"""Writes the actor of one agent of a policy file as ONNX, for hold.py and other programs.
 
     python3 agents/python/to_onnx.py agents/pretrained/hear-see/seed-0.safetensors 1 actor.onnx
 
 Needs onnx and numpy. The input `estimates` is [worlds, joint], the output `logits` [worlds, actions]; a recurrent actor has the
-input `state` and the output `next_state` besides, [worlds, hidden]. It must have an actor for each agent.
+input `state` and the output `next_state`, too, [worlds, hidden]. The file must have an actor for each agent.
 """
 
 import sys

@@ -16,11 +16,11 @@ import numpy as np
 PROTOCOL = 7
 READY, SENSOR, OBSERVATION, DECISION, SHUTDOWN = 1, 2, 3, 4, 5
 NOT_ARRIVED = 255
-LARGEST = 1e9  # beyond it, no value of an observation is one
+LARGEST = 1e9  # values of observations beyond this are invalid
 
 
 class Header(ctypes.Structure):
-    """Stands before every payload."""
+    """The header of every message."""
 
     _fields_ = [
         ("protocol", ctypes.c_uint32),
@@ -68,7 +68,7 @@ class Port:
             sys.exit(f"error: this agent speaks version {PROTOCOL} of the protocol, the swarm {wire['protocol']}")
         if address["weights"]:
             sys.exit("error: this agent does not learn; start it in a swarm whose policy is frozen")
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: not to outlive the supervisor
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: end with the supervisor
         self.index, self.layout, self.swarm = told["agent"], wire["layout"], int(address["tag"], 16)
         self.spins = told["wait"] == "spin"
         self.patience = told["peers"]["secs"]
@@ -82,7 +82,7 @@ class Port:
             iox2.NodeBuilder.new().config(config).signal_handling_mode(iox2.SignalHandlingMode.Disabled)
         ).create(iox2.ServiceType.Ipc)
         if told["incarnation"] > 0:
-            self.node.try_cleanup_dead_nodes()  # the one before this still holds its places
+            self.node.try_cleanup_dead_nodes()  # the agent's predecessor still holds its ports
         self._sensor = self._words(f"sensor-{self.index}").subscriber_builder().buffer_size(2).create()
         observations, decisions = self._words("observations"), self._words("decisions")
         self._observations_in = observations.subscriber_builder().buffer_size(2).create()
@@ -98,13 +98,13 @@ class Port:
         return words_of_ages(worlds, layout["agents"]) + worlds * each + 4
 
     def report_ready(self):
-        """Tells the supervisor that the agent can be spoken to."""
+        """Tells the supervisor that the agent is ready."""
         header = Header(worlds=0)
         self._send(self._decisions_out, header, READY, np.zeros(1, np.uint32))
         self.wake()
 
     def next_tick(self):
-        """Waits for the next tick, and publishes the own observation. None if the agent shall leave."""
+        """Waits for the next tick, and publishes the own observation. None if the agent must leave."""
         while True:
             sensed = self._sense()
             if sensed == "leave":
@@ -115,8 +115,8 @@ class Port:
             self._sleep(0.1)
 
     def await_peers(self):
-        """Waits for the peers' observations: in lockstep for all that are there, else until the deadline. False if the
-        agent shall leave."""
+        """Waits for the peers' observations: in lockstep for all that are present, else until the deadline. False if the
+        agent must leave."""
         end = time.monotonic() + self.patience
         while True:
             self._collect()
@@ -124,7 +124,7 @@ class Port:
             left = (header.deadline_ns - time.monotonic_ns()) / 1e9 if header.deadline_ns else end - time.monotonic()
             if left <= 0 or not header.deadline_ns and self._is_complete():
                 return True
-            # It may be told again whom to wait for, or, against the clock, of the next tick.
+            # The supervisor may send again whom to wait for, or, in real time, the next tick.
             tick, sensed = header.tick, self._sense()
             if sensed == "leave":
                 return False
@@ -174,7 +174,7 @@ class Port:
             if not ours or header.kind != SENSOR or len(words) != expected:
                 sys.exit(f"error: agent-{self.index} got a message it cannot read")
             if header.incarnation and header.tick == self.decided:
-                continue  # sent again for a tick that is decided
+                continue  # sent again for a tick already decided
             self.own, sensed = Sensor(header, words, self.layout), "tick"
         return sensed
 
@@ -187,7 +187,7 @@ class Port:
             fits = fits and header.sender < agents and len(values) == header.worlds * length
             if fits and header.incarnation >= self.started.get(header.sender, 0) and np.all(np.abs(values) <= LARGEST):
                 self.started[header.sender] = header.incarnation
-                # What was said of a tick stands.
+                # The first message of a tick counts.
                 message = header, values.reshape(header.worlds, length)
                 self.peers.setdefault((header.sender, header.tick), message)
         oldest = self.own.header.tick - self.told["address"]["longest_delay"]

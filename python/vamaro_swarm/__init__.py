@@ -1,7 +1,6 @@
 """What does a trained team do when its radio fails?
 
-Lossy links, imputers and paired statistics, around our tasks and any PettingZoo ParallelEnv. docs/python.md explains
-all of it.
+Lossy links, imputers and paired statistics, for our tasks and any PettingZoo ParallelEnv. See docs/python.md.
 """
 
 from importlib import import_module
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from .training import train as train
     from .vector import VectorEnv as VectorEnv
 
-# Agents are processes that import this package, and need nothing of numpy: what is asked for is imported then.
+# Agents are processes that import this package and do not need numpy, so each name is imported on first use.
 _HOMES = {
     "AgentError": "errors",
     "Error": "errors",

@@ -14,7 +14,7 @@ def main(arguments: list[str], program: list[str]) -> int:
 
 @final
 class Arena:
-    """Episodes whose actions come from Python. Results are written into the caller's arrays."""
+    """Episodes with actions from Python. Results are written into the caller's arrays."""
 
     name: str
     agents: list[str]
@@ -79,7 +79,7 @@ class Team:
 
 @final
 class Lessons:
-    """A predictor that learns from what is played in Python."""
+    """A predictor that learns from episodes played in Python."""
 
     def __new__(cls, name: str, agents: list[tuple[str, int]], *, held: list[int], seed: int) -> Lessons: ...
     def keep(self, observations: int, truth: NDArray[float32], seen: NDArray[float32]) -> None: ...
@@ -88,7 +88,7 @@ class Lessons:
 
 @final
 class Evaluation:
-    """What was played, and its statistics."""
+    """The episodes of an evaluation, and their statistics."""
 
     @staticmethod
     def of_policies(arguments: list[str], call: str) -> Evaluation: ...

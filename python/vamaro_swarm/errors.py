@@ -1,12 +1,12 @@
-"""What can go wrong, beside the ValueError of a request that makes no sense."""
+"""Exceptions, besides the ValueError of a request that makes no sense."""
 
 
 class Error(Exception):
-    """Something went wrong while a sound request was carried out."""
+    """A valid request failed."""
 
 
 class AgentError(Error):
-    """An agent, its policy or its imputer did something that it must not do."""
+    """An agent, its policy or its imputer did something invalid."""
 
     def __init__(self, agent: object, words: str) -> None:
         super().__init__(agent, words)

@@ -24,14 +24,14 @@ from .tasks import parallel_env
 if TYPE_CHECKING:
     import pandas
 
-#: Episodes of evaluations are numbered from here on, as in `vamaro-swarm evaluate`: no training meets their draws.
+#: The first episode of evaluations, as in `vamaro-swarm evaluate`: no training uses the same draws.
 _FIRST_EPISODE = 1 << 49
 
 _LEVELS = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
 
 
 class Evaluation:
-    """What was played, and its statistics. docs/metrics.md defines the numbers."""
+    """The episodes of an evaluation and their statistics. docs/metrics.md defines the numbers."""
 
     def __init__(self, native: _native.Evaluation) -> None:
         self._native = native
@@ -41,13 +41,13 @@ class Evaluation:
         return self._native.text()
 
     def to_pandas(self, *, episodes: bool = False) -> pandas.DataFrame:
-        """A row for each condition and imputer, or for each of their episodes: `summary.csv` and `episodes.csv`."""
+        """A row for each condition and imputer (`summary.csv`), or each episode (`episodes.csv`)."""
         import pandas
 
         return pandas.read_csv(io.StringIO(self._native.csv(episodes)))
 
     def report(self, folder: str | PathLike[str], *, paper: bool = False) -> Path:
-        """Writes `report.html`, figures, JSON and CSV into a folder, with `paper` also PDFs. Returns the page."""
+        """Writes `report.html`, figures, JSON and CSV, and with `paper` PDFs, to a folder. Returns the page."""
         self._native.write(fspath(folder), paper)
         return Path(folder) / "report.html"
 
@@ -81,12 +81,13 @@ def evaluate(
     greedy: bool = False,
     max_steps: int = 10_000,
 ) -> Evaluation:
-    """Plays frozen policies at every level of delivery and over every text of `links`, with every imputer.
+    """Plays frozen policies at every level of delivery and over each of `links`, with every imputer.
 
     `env_fn` makes a PettingZoo ParallelEnv, or is the name of one of our tasks. `policies` is a team, or a list of teams
     that count as seeds of one method. A team is a policy file of ours, a callable `policy(agent, observation)`, or a
-    dict of callables `policy(observation)` by agent. If a callable has `begin(seed, episode)`, that is called before
-    each episode. `imputers` are names, or callables and fitted ones by name.
+    dict of callables `policy(observation)` by agent. If a callable has a method `begin(seed, episode)`, it is
+    called before each episode. `imputers` is a list of names, or a dict from labels to names, callables and fitted
+    imputers.
 
     All cells start from the same seeds, with the same draws of the links, so imputers are compared on equal terms.
     """
@@ -112,7 +113,7 @@ def evaluate(
 
 @dataclass(frozen=True)
 class _Study:
-    """What is played, whoever plays it."""
+    """The settings that all teams share."""
 
     conditions: list[str]
     episodes: int
@@ -122,7 +123,7 @@ class _Study:
     max_steps: int
 
     def of_files(self, task: str, teams: list[str], imputers: Mapping[str, Any] | None, greedy: bool) -> Evaluation:
-        """Everything is ours, and nothing of it plays in Python."""
+        """Teams, task and imputers are ours, so nothing runs in Python."""
         levels = [condition[2:] for condition in self.conditions if condition.startswith("p=")]
         words = [*teams, "--task", task, "--levels", ",".join(levels), "--in-process"]
         words += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
@@ -163,7 +164,7 @@ class _Study:
     def _played(
         self, make: Callable[..., Any], players: list[Players], imputers: dict[str, Any], condition: str
     ) -> Iterator[tuple[str, list[list[float]]]]:
-        """The returns of each team with each imputer. Where everything is delivered, all have the same."""
+        """The returns of each team with each imputer. If everything is delivered, all imputers have the same."""
         level = float(condition[2:]) if condition.startswith("p=") else 1.0
         text = None if condition.startswith("p=") else condition
         played: list[list[float]] = []
@@ -174,7 +175,7 @@ class _Study:
             yield name, played
 
     def _returns(self, env: Any, team: Any) -> list[float]:
-        """The sums of all that a team earns in each episode."""
+        """The return of each episode."""
         of_team = getattr(env, "team_reward", None) or (lambda rewards: sum(rewards.values()))
         returns = []
         for episode in range(_FIRST_EPISODE, _FIRST_EPISODE + self.episodes):

@@ -5,10 +5,10 @@ from pathlib import Path
 
 
 class FittedImputer:
-    """The imputer that `fit_imputer` wrote to a file, for the environment that it was fitted to."""
+    """An imputer that `fit_imputer` wrote to a file, for the environment it was fitted to."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
-        #: Where it is: a policy file whose predictor it is.
+        #: The policy file that holds its predictor.
         self.path = Path(fspath(path))
         if not self.path.is_file():
             raise ValueError(f"there is no file {self.path}; fit_imputer writes one")

@@ -1,4 +1,4 @@
-"""Imputers that are fitted to a frozen team, trained wherever."""
+"""Imputers fitted to a frozen team that was trained anywhere."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -13,10 +13,10 @@ from .fitted import FittedImputer
 from .links import LossyLinks, Share
 from .players import Players, play
 
-#: The team plays with perfect links first, and then so often with what was learned so far.
+#: Rounds in which the team plays with the predictor trained so far. Before them it plays with perfect links.
 _ROUNDS = 8
 
-#: Learning rates of the first update and after the last.
+#: Learning rates at the first update and after the last.
 _RATES = 2e-3, 1e-4
 
 
@@ -34,9 +34,9 @@ def fit_imputer(
 ) -> FittedImputer:
     """Fits a predictor to the play of a frozen team, and writes it to the file `out`.
 
-    The team plays about `steps` steps: a quarter where everything is delivered, the rest over links that deliver with a
-    probability drawn for each episode, and on estimates by what was learned so far. So the predictor, an LSTM, learns
-    to put its own errors right. `policies` is a team as for `evaluate`.
+    The team plays about `steps` steps: a quarter with everything delivered, the rest over links whose probability of
+    delivery is drawn for each episode, on the estimates of the predictor trained so far. So the predictor, an LSTM,
+    learns to correct its own errors. `policies` is a team as for `evaluate`.
     """
     team, path = Players(policies), Path(fspath(out))
     if steps < 1 or updates < 1:
@@ -61,7 +61,7 @@ def fit_imputer(
 def _record(
     links: LossyLinks, team: Players, seed: int, episode: int, steps: int, max_steps: int
 ) -> tuple[list[tuple[Any, Any]], int]:
-    """Plays so many steps, in whole episodes from this one on: what was true and what agents saw, and the next episode."""
+    """Plays at least `steps` steps in whole episodes: their true and seen observations, and the next episode number."""
     recorded = []
     while steps > 0:
         truths, seen = [], []
@@ -75,6 +75,6 @@ def _record(
 
 
 def _constants(recorded: list[tuple[Any, Any]]) -> list[int]:
-    """The values that change at no step."""
+    """The values that never change."""
     changes = [np.any(truth != truth[:1], axis=0) for truth, _ in recorded]
     return np.flatnonzero(~np.any(changes, axis=0)).tolist()

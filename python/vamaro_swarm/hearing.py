@@ -1,4 +1,4 @@
-"""What agents have after links and imputer."""
+"""Joint estimates: what agents know after links and imputer."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from ._native import Arena
 from .errors import AgentError
 
-#: Guesses what an agent did not receive: `imputer(agent, estimate, ages)` returns a joint estimate. In the one that it is
-#: given, what was not received stands as it was guessed at the step before; at first it is zero. `ages` say how many
-#: steps ago each sender's part was observed, -1 if never. What was received at this step stays as it is, whatever is
-#: returned. If it has a method `begin(seed, episode)`, that is called when an episode begins.
+#: An imputer as a callable: `imputer(agent, estimate, ages)` returns a joint estimate. In the estimate that it gets,
+#: values not received are its own guess of the step before, or zero at the first step. `ages` says how many steps ago
+#: each sender's part was observed, -1 if never. Values received at this step are kept, whatever the callable returns.
+#: If it has a method `begin(seed, episode)`, it is called when an episode begins.
 Guess = Callable[[Any, NDArray[np.float32], NDArray[np.int32]], Any]
 
 
 class Heard(NamedTuple):
-    """What agents have at a step."""
+    """What agents know at a step."""
 
     #: Joint estimates, `[agents, joint]`.
     estimates: NDArray[np.float32]
@@ -33,7 +33,7 @@ class Heard(NamedTuple):
 
 
 class Hearing:
-    """Hears what the agents of one world hear."""
+    """Links and imputer of one world."""
 
     def __init__(self, arena: Arena, agents: Sequence[Any], imputer: object) -> None:
         self.arena = arena
@@ -63,14 +63,14 @@ class Hearing:
         return heard, goes_on
 
     def _room(self) -> tuple[Heard, NDArray[np.uint8]]:
-        """New arrays: what an agent was given stays what it was."""
+        """New arrays, because agents keep those of earlier steps."""
         n = self._shape[0]
         mask = np.empty((n, n), np.uint8)
         ages = np.empty((n, n), np.int32)
         return Heard(np.empty(self._shape, np.float32), ages, mask.view(np.bool_)), mask
 
     def _impute(self, heard: Heard) -> None:
-        """Has the callable guess, and the arena believe it."""
+        """Calls the imputer, and stores its estimates in the arena."""
         assert self._guess is not None
         for agent, estimate, ages in zip(self._agents, heard.estimates, heard.ages):
             try:
@@ -81,15 +81,15 @@ class Hearing:
                 words = f"its imputer returned the shape {guess.shape} instead of {estimate.shape}"
                 raise AgentError(agent, words)
             if not np.isfinite(guess).all():
-                raise AgentError(agent, "its imputer returned what is not finite")
-            # What all have in common stands behind the parts, and is always known.
+                raise AgentError(agent, "its imputer returned values that are not finite")
+            # The values that are the same for all agents come after the parts, and are always known.
             known = np.repeat(np.append(ages == 0, True), self._parts)
             np.copyto(estimate, guess, where=~known)
         self.arena.believe(heard.estimates)
 
 
 def links_of(p: float, links: str | None) -> str:
-    """The links that deliver with probability p, and then as the text says."""
+    """A chain of `level(p)` and these links."""
     if links is None:
         return f"level({p})"
     return links if p == 1 else f"level({p}) + {links}"

@@ -17,7 +17,7 @@ from .fitted import FittedImputer
 from .hearing import Guess, Heard, Hearing, links_of
 from .tasks import address, box
 
-#: Says what an agent sends, given its name and its observation: a vector.
+#: What an agent sends, given its name and its observation: a vector.
 Share = Callable[[Any, NDArray[Any]], Any]
 
 _IMPUTERS = ("zero", "hold", "velocity", "kalman")
@@ -26,14 +26,14 @@ _IMPUTERS = ("zero", "hold", "velocity", "kalman")
 class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
     """An environment whose agents exchange what they observe over links that fail.
 
-    Each agent observes the joint estimate of what all sent, in the order of `possible_agents`: its own part as it is,
-    the others' as links and imputer left them. With `joint=False` it observes what it did before, and the estimate is
-    in its info. Infos have `mask` (whose part arrived at this step) and `ages` (how many steps ago each part was
-    observed, -1 if never).
+    Each agent observes the joint estimate: the parts of all agents, in the order of `possible_agents`. Its own part is
+    exact, the others' are what the links delivered and the imputer filled in. With `joint=False`, agents get the
+    environment's own observations, and the joint estimate is in their info. Infos have `mask` (whose part arrived at
+    this step) and `ages` (how many steps ago each part was observed, -1 if never).
 
-    Links deliver with probability `p`, and as `links` says. With `share` as a function agents send what that makes of
-    their observation; their own stays in its place in full. `imputer` is `zero`, `hold`, `velocity`, `kalman` or a
-    callable.
+    Links deliver with probability `p`, and then as `links` says. If `share` is a function, agents send its result
+    instead of their observation; an agent's own part is still its full observation. `imputer` is `zero`, `hold`,
+    `velocity`, `kalman`, a callable, or what `fit_imputer` returns.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
 
     @property
     def sent(self) -> NDArray[np.float32]:
-        """What all sent at this step, padded: `[agents, longest]`."""
+        """What all agents sent at this step, padded: `[agents, longest]`."""
         return self._sent.copy()
 
     @property
@@ -108,7 +108,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         return parts
 
     def observation_space(self, agent: Any) -> spaces.Space[Any]:
-        """Joint estimates; with `joint=False` what it was."""
+        """The space of joint estimates; with `joint=False` the environment's own."""
         if not self._joint:
             return self.env.observation_space(agent)
         length = self._hearing.arena.joint
@@ -120,9 +120,9 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[Any, Any], dict[Any, dict[str, Any]]]:
-        """Begins an episode, whose links are those of episode 0 of this seed; without a seed of the next one.
+        """Begins an episode, with the links of episode 0 of this seed, or without a seed of the next episode.
 
-        `options={"episode": e}` begins episode e of the seed, and the environment as both decide.
+        `options={"episode": e}` begins episode e of the seed; the environment's own seed follows from both.
         """
         self._address = address(self._address, seed, options)
         if options is not None and "episode" in options:
@@ -135,7 +135,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
     def step(
         self, actions: dict[Any, Any]
     ) -> tuple[dict[Any, Any], dict[Any, float], dict[Any, bool], dict[Any, bool], dict[Any, dict[str, Any]]]:
-        """One step of the environment, after which all send what they observe."""
+        """One step of the environment, after which all agents send what they observe."""
         observations, rewards, terminations, truncations, infos = self.env.step(actions)
         self._tell(observations)
         heard, _ = self._hearing.step(None)
@@ -143,22 +143,22 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         return observed, rewards, terminations, truncations, infos
 
     def _tell(self, observations: dict[Any, Any]) -> None:
-        """Notes what all send."""
+        """Notes what all agents send."""
         if len(observations) > len(self._team):
             extra = next(agent for agent in observations if agent not in self._parts)
-            raise AgentError(extra, "has come, and is none of the possible agents")
+            raise AgentError(extra, "has come, but is not one of possible_agents")
         for agent, expected, sent in self._rows:
             if agent not in observations:
-                raise AgentError(agent, "has left; links are between the same agents in all of an episode")
+                raise AgentError(agent, "has left; all agents must stay until the episode ends")
             observation = observations[agent]
             shape = getattr(observation, "shape", None)
             if shape != expected:
                 words = f"observes {type(observation).__name__} of the shape {shape}"
-                raise AgentError(agent, f"{words}, and not {expected[0]} values as its space says")
+                raise AgentError(agent, f"{words} instead of {expected[0]} values as its space says")
             if self._share is not None:
                 observation = self._shared(agent, observation)
                 if observation.shape != sent.shape:
-                    words = f"shares the shape {observation.shape}, and not {len(sent)} values as before"
+                    words = f"shares the shape {observation.shape} instead of {len(sent)} values as before"
                     raise AgentError(agent, words)
             sent[:] = observation
         self._hearing.arena.tell(self._sent)
@@ -182,7 +182,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         return {agent: self._in_full(agent, row, observations[agent]) for agent, row in estimates}, rows
 
     def _in_full(self, agent: Any, estimate: NDArray[np.float32], observation: NDArray[Any]) -> NDArray[np.float32]:
-        """An estimate with what the agent observes itself in the place of what it shares."""
+        """An estimate in which the agent's own part is its full observation instead of what it shares."""
         begin, end = self._parts[agent]
         return np.concatenate([estimate[:begin], observation, estimate[end:]], dtype=np.float32)
 
@@ -192,7 +192,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
             return self._vectors[agent]
         sample = self._shared(agent, self.env.observation_space(agent).sample())
         if sample.ndim != 1 or not sample.size:
-            raise AgentError(agent, f"shares the shape {sample.shape}, and not a vector")
+            raise AgentError(agent, f"shares the shape {sample.shape} instead of a vector")
         return len(sample)
 
     def _shared(self, agent: Any, observation: Any) -> NDArray[np.float32]:
@@ -200,18 +200,18 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         try:
             return np.asarray(self._share(agent, observation), np.float32)
         except Exception as error:
-            raise AgentError(agent, f"what it shares cannot be told: {error!r}") from error
+            raise AgentError(agent, f"what it shares raised {error!r}") from error
 
     def _values(self, imputer: str) -> str | None:
-        """What the imputer has to know of what is sent, as JSON."""
+        """What the imputer must know about the values that are sent, as JSON."""
         if imputer not in ("velocity", "kalman"):
             return None
         said = None if self._share is not None else values.of(self.env)
         if said is None or values.step(self.env) is None:
             raise ValueError(
-                f"the imputer {imputer} must know which values are places and velocities, and how long a step is, and"
-                f" {self.name} does not say it of what is sent; put it into env.metadata['values'] and"
-                " env.metadata['dt'] (docs/python.md), or take hold"
+                f"the imputer {imputer} must know which values are positions and velocities and how long a step is, but"
+                f" {self.name} does not say; put this into env.metadata['values'] and env.metadata['dt']"
+                " (docs/python.md), or use hold"
             )
         return json.dumps([values.complete(agent, said, n) for agent, n in zip(self._team, self._lengths)])
 
@@ -219,5 +219,5 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
 def _vector(agent: Any, space: spaces.Space[Any]) -> int:
     """How long the vectors of a space are."""
     if not isinstance(space, spaces.Box) or len(space.shape) != 1 or not space.shape[0]:
-        raise AgentError(agent, f"observes {space}, and links carry vectors; flatten it first")
+        raise AgentError(agent, f"observes {space}, but links carry vectors; flatten it first")
     return space.shape[0]

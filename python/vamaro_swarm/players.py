@@ -1,4 +1,4 @@
-"""Teams that play in an environment, whatever they are given as."""
+"""Teams that play in an environment, in any form a user may give them."""
 
 import copy
 from collections.abc import Iterator, Mapping
@@ -57,7 +57,7 @@ class RandomTeam:
 
 
 def play(env: Any, team: Any, seed: int, episode: int, max_steps: int) -> Iterator[dict[Any, float]]:
-    """Plays an episode: nothing when it has begun, and after each step what agents earned in it."""
+    """Plays an episode. Yields an empty dict after the reset, and the rewards after each step."""
     acts = {agent: env.action_space(agent) for agent in env.possible_agents}
     observations, _ = env.reset(seed=seed, options={"episode": episode})
     team.begin(seed, episode)
@@ -73,7 +73,7 @@ def play(env: Any, team: Any, seed: int, episode: int, max_steps: int) -> Iterat
 
 
 def _action(team: Any, agent: Any, observation: Any, space: spaces.Space[Any]) -> Any:
-    """What an agent does, if it can."""
+    """An agent's action, checked."""
     try:
         action = team.act(agent, observation)
     except AgentError:

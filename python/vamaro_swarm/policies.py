@@ -12,31 +12,31 @@ from .errors import AgentError
 
 
 class Team:
-    """The agents of a policy file, each with its state.
+    """The agents of a policy file, each with its recurrent state.
 
-    `team(agent, estimate)` is what one agent does, `team.act(observations)` what all do, by name. Where observations
-    have a row for each world, so have actions. Call `begin` when an episode begins.
+    `team(agent, estimate)` is the action of one agent, `team.act(observations)` the actions of all, by name. If
+    observations have a row for each world, so have actions. Call `begin` at the start of each episode.
     """
 
     def __init__(self, name: str, task: str | None, greedy: bool) -> None:
         self._actors = _Actors(name, task, greedy)
-        #: What it was loaded by.
+        #: The name or path it was loaded from.
         self.name = name
         #: The id of its task.
         self.task = self._actors.task
-        #: What its agents are called.
+        #: The names of its agents.
         self.agents = self._actors.agents
         self._numbers = {agent: number for number, agent in enumerate(self.agents)}
         self._worlds = 0
 
     def begin(self, seed: int = 0, episode: int = 0, num_envs: int | None = None) -> None:
-        """An episode begins. Seed and number decide its draws of actions, which are those of `vamaro-swarm spawn`."""
+        """Begins an episode. Seed and episode decide the draws of actions, which are those of `vamaro-swarm spawn`."""
         self._worlds = 1 if num_envs is None else num_envs
         self._batched = num_envs is not None
         self._actors.begin(seed, episode, self._worlds)
 
     def __call__(self, agent: str, estimate: NDArray[np.float32]) -> Any:
-        """What an agent does, given its joint estimate."""
+        """The action of an agent, given its joint estimate."""
         if not self._worlds:
             self.begin()
         if agent not in self._numbers:
@@ -49,7 +49,7 @@ class Team:
         return np.array(actions, np.int64) if self._batched else actions[0]
 
     def act(self, observations: Mapping[str, NDArray[np.float32]]) -> dict[str, Any]:
-        """What all agents do."""
+        """The actions of all agents."""
         return {agent: self(agent, estimate) for agent, estimate in observations.items()}
 
     def __repr__(self) -> str:
@@ -57,7 +57,7 @@ class Team:
 
 
 def load_policy(name: str | PathLike[str], task: str | None = None, *, greedy: bool = False) -> Team:
-    """The team in a policy file or the folder of a training run; `builtin` with the name of its `task`.
+    """Loads the team of a policy file or of a training run's folder, or with `builtin` the built-in one of a `task`.
 
     It samples its actions, or takes the most probable ones if `greedy`.
     """

@@ -54,11 +54,11 @@ def parallel_env(
     render_mode: str | None = None,
     num_envs: int | None = None,
 ) -> TaskEnv | VectorEnv:
-    """One of our tasks, such as `spread-xy-4`, whose agents observe what they have after links and imputer.
+    """One of our tasks, such as `spread-xy-4`, whose agents observe their joint estimates after links and imputer.
 
-    Links deliver with probability `p`, and as `links` says, such as `"gilbert(0.1, 0.3) + delay(1)"`. `imputer` is a
-    name or a callable. Imputers that a policy file brings need that `policy`, a file or `"builtin"`; `imputer=None` is
-    the best of these. With `num_envs` the result is a `VectorEnv`, whose arrays have that many rows.
+    Links deliver with probability `p`, and then as `links` says, such as `"gilbert(0.1, 0.3) + delay(1)"`. `imputer` is
+    a name or a callable. Imputers that need a policy take it from `policy`, a file or `"builtin"`; `imputer=None` is the
+    default for that policy. With `num_envs` the result is a `VectorEnv`, whose arrays have that many rows.
     """
     if callable(imputer) and num_envs is not None:
         raise ValueError("a callable imputer is for one world; leave out num_envs")
@@ -99,17 +99,17 @@ class TaskEnv(ParallelEnv[str, NDArray[np.float32], Any]):
         self._address: tuple[int, int] | None = None
 
     def observation_space(self, agent: str) -> spaces.Box:
-        """A joint observation of the team."""
+        """The space of joint observations of the team."""
         return self._sees[agent]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """What an agent can do."""
+        """The space of an agent's actions."""
         return self._actions[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[np.float32]], dict[str, dict[str, Any]]]:
-        """Begins episode 0 of this seed, or `options["episode"]`; without a seed the next one of the last."""
+        """Begins episode 0 of this seed, or `options["episode"]`; without a seed, the next episode of the last seed."""
         self._address = address(self._address, seed, options)
         heard = self._hearing.begin(*self._address)
         self.agents = self.possible_agents[:]
@@ -124,7 +124,7 @@ class TaskEnv(ParallelEnv[str, NDArray[np.float32], Any]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """One step of all agents. Episodes are only cut off, after a given number of steps."""
+        """One step of all agents. Episodes never terminate; they are truncated after a fixed number of steps."""
         agents = self.agents
         if not agents:
             raise Error("no episode is under way; call reset() first")
@@ -145,7 +145,7 @@ class TaskEnv(ParallelEnv[str, NDArray[np.float32], Any]):
         )
 
     def team_reward(self, rewards: dict[str, float]) -> float:
-        """What the team earns whose agents earn this. Its plain sum over an episode is the return."""
+        """The team's reward, given those of its agents. Its sum over an episode is the return."""
         return self._arena.team_reward([rewards[agent] for agent in self.possible_agents])
 
     def state(self) -> NDArray[np.float32]:

@@ -21,10 +21,10 @@ def train(
     quiet: bool = False,
     **settings: object,
 ) -> Team:
-    """Trains a team, and predictors alongside it, and returns it.
+    """Trains a team, with predictors alongside, and returns it.
 
     `settings` are those of docs/training.md, such as `learning_rate=3e-4`. The run is kept in `out`, by default
-    `runs/TASK-SEED`; an interrupted one goes on with `resume=True`. With `processes`, agents collect the experience as
+    `runs/TASK-SEED`; an interrupted run continues with `resume=True`. With `processes`, agents collect the experience as
     processes; the result is the same, bit for bit. Progress goes to stderr, unless `quiet`.
     """
     folder = Path(f"runs/{task}-{seed}" if out is None else fspath(out))
@@ -39,7 +39,7 @@ def train(
 
 
 def _run(words: list[str], quiet: bool) -> None:
-    """Runs a command, which ends in order if Python is interrupted."""
+    """Runs a command, and lets it end in good order if Python is interrupted."""
     command = [sys.executable, "-P", "-m", "vamaro_swarm", *words]
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True

@@ -1,10 +1,10 @@
-"""What the values of an observation are, as far as an environment says it.
+"""What the values of an observation mean, as far as an environment says so.
 
-`env.metadata["values"]` has a list for each agent, with a dict for each value, or None where there is nothing to say:
+`env.metadata["values"]` has a list for each agent, with a dict for each value, or None if nothing is known:
 
     {"unit": "m/s", "about": 0, "axis": "x"}                   the velocity of agent 0
-    {"unit": "m", "about": 0, "axis": "x", "rate": (0, 1)}     its place, which value 0 moves
-    {"unit": "m", "about": 0, "axis": "x", "rate": (0, -1)}    a landmark seen from it, which comes nearer
+    {"unit": "m", "about": 0, "axis": "x", "rate": (0, 1)}     its position, whose rate of change is value 0
+    {"unit": "m", "about": 0, "axis": "x", "rate": (0, -1)}    a landmark relative to agent 0, which moves against it
 
 `env.metadata["dt"]` is how long a step is, in seconds.
 """
@@ -18,7 +18,7 @@ Said = dict[str, Any] | None
 
 
 def of(env: Any) -> dict[Any, list[Said]] | None:
-    """What an environment says of all agents, or what is known of it: of mpe2 by the name it has."""
+    """The metadata of an environment for all agents; for mpe2's, which have none, what is known by their names."""
     said: dict[Any, list[Said]] | None = env.metadata.get("values")
     if said is not None:
         return said
@@ -31,18 +31,18 @@ def of(env: Any) -> dict[Any, list[Said]] | None:
 
 
 def step(env: Any) -> float | None:
-    """How long a step is, s, if that is known."""
+    """The length of a step in seconds, if known."""
     world = getattr(env.unwrapped, "world", None)
     dt = env.metadata.get("dt", getattr(world, "dt", None))
     return None if dt is None else float(dt)
 
 
 def complete(agent: Any, said: dict[Any, list[Said]], length: int) -> list[dict[str, Any]]:
-    """What is said of an agent's values, with nothing left out."""
+    """The metadata of an agent's values, with defaults filled in."""
     own = said.get(agent)
     if own is None or len(own) != length:
         found = "nothing" if own is None else f"{len(own)} values"
-        raise AgentError(agent, f"metadata['values'] says {found} of it, and it sends {length}")
+        raise AgentError(agent, f"metadata['values'] has {found} for it, but it sends {length}")
     return [_complete(value) for value in own]
 
 

@@ -12,7 +12,7 @@ from .tasks import action_space, address, box
 
 
 class VectorEnv:
-    """The worlds of a task, side by side: as a ParallelEnv, but every array has a first axis of `num_envs`.
+    """Many worlds of a task, side by side: like a ParallelEnv, but every array has a first axis of `num_envs`.
 
     Worlds play consecutive episodes, and end together.
     """
@@ -28,17 +28,17 @@ class VectorEnv:
         self._address: tuple[int, int] | None = None
 
     def observation_space(self, agent: str) -> spaces.Box:
-        """Joint observations of the team, a row for each world."""
+        """The space of joint observations of the team, a row for each world."""
         return box(self.num_envs, self._arena.joint)
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """What an agent can do in one world."""
+        """The space of an agent's actions in one world."""
         return self._actions[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[np.float32]], dict[str, dict[str, Any]]]:
-        """Begins the episodes from 0 on of this seed, or from `options["episode"]`; without a seed the next ones."""
+        """Begins episodes from 0 or `options["episode"]` on of this seed; without a seed, the next ones."""
         last = self._address
         if last is not None:
             last = last[0], last[1] + self.num_envs - 1
@@ -103,7 +103,7 @@ class VectorEnv:
             if given.shape != wanted or (discrete and given.dtype.kind not in "iu"):
                 found = f"{given.dtype} of the shape {given.shape}"
                 kind = "whole numbers" if discrete else "numbers"
-                raise AgentError(agent, f"its actions are {found}, and not {kind} of the shape {wanted}")
+                raise AgentError(agent, f"its actions are {found} instead of {kind} of the shape {wanted}")
             if isinstance(space, spaces.Discrete):
                 row[:, 0] = np.where((given >= 0) & (given < space.n), given, np.iinfo(np.uint32).max)
             else:

@@ -36,6 +36,7 @@ fn running() -> u64 {
     let folders = std::fs::read_dir("/proc").into_iter().flatten().flatten();
     let own = folders.filter(|folder| folder.metadata().is_ok_and(|data| data.uid() == user));
     // A folder has two links, and one for each folder in it: here one for each thread.
-    let threads = own.filter_map(|folder| Some(folder.path().join("task").metadata().ok()?.nlink() - 2));
+    let threads =
+        own.filter_map(|folder| Some(folder.path().join("task").metadata().ok()?.nlink().saturating_sub(2)));
     threads.sum()
 }

@@ -51,8 +51,8 @@ pub struct Evaluate {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     modes: Vec<String>,
 
-    /// Any links, listed below, as an additional condition. One parameter may be a list of values, such as
-    /// 'gilbert(loss=0.8, burst=[5,10,20])': a condition for each, and a profile over them. May be given several times
+    /// Links, listed below, as an additional condition; may be given several times. One parameter may be a list of
+    /// values, such as 'gilbert(loss=0.8, burst=[5,10,20])': each value is a condition, and the report compares them
     #[arg(long, value_name = "LINKS|FILE")]
     links: Vec<String>,
 
@@ -153,7 +153,7 @@ Examples:
   vamaro-swarm evaluate runs/hs-0 --physics motor_noise=0.3,damping=0.3
   vamaro-swarm evaluate runs/hs-0 --levels 1 \\
       --links 'gilbert(0.1, 0.3) + delay(1, 1)'
-  # losses in bursts against independent ones, 80 % each
+  # losses in bursts, compared with independent losses, 80 % each
   vamaro-swarm evaluate runs/hs-0 --levels 1 \\
       --links 'gilbert(loss=0.8, burst=[5,10,20,40])'
   vamaro-swarm evaluate runs/hs-0 --levels 1,0.2 \\

@@ -80,7 +80,7 @@ enum Command {
     Fit(fit::Fit),
     /// Show what a policy, checkpoint, trace or recording holds
     Inspect(inspect::Inspect),
-    /// Play recorded episodes in a browser, or draw them as a film or a frame
+    /// Play recorded episodes in a browser, or draw them as an animation or a frame
     Replay(replay::Replay),
     /// Recompute recordings, traces and updates, and compare
     Verify(verify::Verify),

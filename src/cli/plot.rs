@@ -40,12 +40,12 @@ pub struct Plot {
     #[arg(long, value_name = "LINKS|FILE", conflicts_with = "runs")]
     links: Option<String>,
 
-    /// With --links: the task whose agents move, by uniform actions
+    /// With --links: the task to play, with uniform random actions
     #[arg(long, value_name = "T", default_value = "spread-xy-4", conflicts_with = "runs")]
     task: String,
 
     /// Where to write the chart; - for stdout [default: curves.svg in the folder of the run; of several runs, in the
-    /// working directory; links.svg of links]
+    /// working directory; with --links, links.svg]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 

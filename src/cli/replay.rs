@@ -11,7 +11,7 @@ use crate::recording::{Reader, Rerun};
 use crate::usage;
 use crate::view::film::{Film, Moment, gif, page, svg};
 
-/// Play recorded episodes in a browser, or draw them as a film or a frame
+/// Play recorded episodes in a browser, or draw them as an animation or a frame
 #[derive(Debug, Args)]
 #[command(
     override_usage = "vamaro-swarm replay [OPTIONS] <TRACE>...",
@@ -25,20 +25,20 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0.2 --imputer hold --episodes 20 \\
       --record hold.json
   vamaro-swarm replay trace.json hold.json --html both.html
-  # as a film, and a frame of it
+  # an animation, and a frame of it
   vamaro-swarm replay trace.json hold.json --gif both.gif --episode 3
   vamaro-swarm replay trace.json --svg frame.svg --episode 3 --step 12"
 )]
 pub struct Replay {
-    /// A recording or a trace, or two of the same task and seed, to be seen side by side
+    /// A recording or a trace, or two of one task, to be shown side by side
     #[arg(required = true, num_args = 1..=2, value_name = "TRACE")]
     traces: Vec<PathBuf>,
 
-    /// Write a page that plays the episodes: the first 100, unless --episode says which
+    /// Write a page for a browser, with the first 100 episodes or that of --episode
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
 
-    /// Write a film of one episode, at half the speed of the world
+    /// Write an animation of one episode, at half the world's own pace
     #[arg(long, value_name = "FILE")]
     gif: Option<PathBuf>,
 
@@ -54,12 +54,12 @@ pub struct Replay {
     #[arg(long, value_name = "S", requires = "svg")]
     step: Option<usize>,
 
-    /// Policy to run compact traces with, which leave out what agents thought [default: the one beside the trace, or the
-    /// one it names]
+    /// Policy to run compact traces with, which leave out the agents' estimates [default: the one beside the trace, or
+    /// the one it names]
     #[arg(long, value_name = "FILE|DIR|builtin")]
     policy: Option<String>,
 
-    /// The agent whose links and ghosts are shown at first: where it thinks the others are
+    /// The agent whose links and ghosts (where it thinks the others are) are shown first
     #[arg(long, value_name = "I", default_value_t = 0)]
     agent: usize,
 }
@@ -148,7 +148,7 @@ impl Replay {
 fn match_up(one: &mut Film, other: &mut Film) -> Result<()> {
     if one.spec.id != other.spec.id {
         return Err(usage!(
-            "{} is of {}, {} of {}: two traces side by side must be of one task",
+            "{} is of {}, {} of {}: both traces must be of one task",
             one.name,
             one.spec.id,
             other.name,

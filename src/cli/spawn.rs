@@ -72,8 +72,9 @@ pub struct Spawn {
     #[arg(long, value_name = "NAME", help = imputer_help("dynamics if fitted to the policy, else value-aware"))]
     imputer: Option<String>,
 
-    /// Start this command in place of an agent, such as '2=python3 agents/python/hold.py'; may be given for several agents.
-    /// It may be in any language: docs/protocol.md says what it has to do. Quotes work as in a shell, variables do not
+    /// Start this command in place of agent I, such as '2=python3 agents/python/hold.py'; may be given for several
+    /// agents. The program may be in any language: docs/protocol.md says what it must do. Quotes work as in a shell,
+    /// variables do not
     #[arg(long = "agent", value_name = "I=COMMAND", value_parser = other_agent, conflicts_with = "in_process")]
     other_agents: Vec<(usize, AgentCommand)>,
 
@@ -146,9 +147,8 @@ pub struct Spawn {
     #[arg(long, value_name = "REQUIREMENT", help_heading = FAULTS)]
     require: Vec<Requirement>,
 
-    /// Show the swarm in the terminal as it plays, at the pace of its world (10 ticks per second in the built-in tasks) or,
-    /// with --rate, at its own. The last line lists the keys: pause, step, speed, p, kill, ..; docs/viewing.md explains
-    /// the rest
+    /// Show the swarm in the terminal as it plays: 10 ticks per second in the built-in tasks, or --rate. The last line
+    /// lists the keys (pause, step, speed, p, kill, ..); docs/viewing.md explains the rest
     #[cfg(feature = "view")]
     #[arg(long)]
     view: bool,
@@ -180,7 +180,7 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0 --physics motor_noise=0.3,mass=1.2
   # where did each input of the policies come from?
   vamaro-swarm spawn --agents 6 --policy untrained --links dynamic --audit
-  # agent 2 is a program of yours
+  # agent 2 is your own program
   vamaro-swarm spawn --agents 4 --imputer hold \\
     --agent '2=python3 agents/python/hold.py'
   # in real time, 100 Hz
@@ -339,7 +339,7 @@ impl Spawn {
         let steered = session.steered().cloned();
         let ended = match ended {
             Ok(()) if played == 0 => {
-                return Err(Error::Interrupted("ended before an episode was over".to_owned()));
+                return Err(Error::Interrupted("ended before any episode had finished".to_owned()));
             }
             Ok(()) => onlookers.recorder.map_or(Ok(()), Recorder::finish),
             // What is finished is worth reporting; half a recording is worth nothing.
@@ -513,7 +513,7 @@ fn other_agent(text: &str) -> std::result::Result<(usize, AgentCommand), String>
     let (agent, command) =
         text.split_once('=').ok_or("expected an agent and a command, such as '2=python3 agent.py'")?;
     let agent =
-        agent.trim().parse().map_err(|_| format!("`{agent}` is no agent: they are counted from 0"))?;
+        agent.trim().parse().map_err(|_| format!("`{agent}` is not an agent: agents are counted from 0"))?;
     Ok((agent, AgentCommand::parse(command).map_err(|e| e.to_string())?))
 }
 

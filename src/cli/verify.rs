@@ -31,8 +31,8 @@ pub struct Verify {
     #[arg(required_unless_present = "agent", value_name = "PATH")]
     paths: Vec<PathBuf>,
 
-    /// Instead, start this command as an agent, play recorded ticks to it, and say what it does wrong: see
-    /// docs/protocol.md. Quotes work as in a shell, variables do not
+    /// Instead, check an agent: start this command, play ticks to it, and say what it does wrong (docs/protocol.md).
+    /// Quotes work as in a shell, variables do not
     #[arg(long, value_name = "COMMAND", value_parser = AgentCommand::parse, conflicts_with = "paths")]
     agent: Option<AgentCommand>,
 
@@ -111,7 +111,7 @@ fn examine(command: AgentCommand, policy: PolicySource, as_json: bool) -> Result
     let verdict = match wrong {
         0 => Ok(()),
         _ => Err(failed!(
-            "the agent does {wrong} of {} things wrong; docs/protocol.md says how they are done",
+            "the agent fails {wrong} of {} checks; docs/protocol.md says what it must do",
             checks.len()
         )),
     };

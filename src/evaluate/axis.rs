@@ -51,19 +51,20 @@ impl Axis {
             Some((before, list, behind))
         });
         let (before, list, behind) =
-            list.ok_or_else(|| usage!("a `]` is missing behind the list of values"))?;
+            list.ok_or_else(|| usage!("a `]` is missing after the list of values"))?;
         if behind.contains('[') {
             return Err(usage!("only one parameter may have a list of values"));
         }
         let condition = |value: &str| Condition::parse(&format!("{before}{}{behind}", value.trim()), site);
         let conditions: Vec<Condition> = list.split(',').map(condition).collect::<Result<_>>()?;
         let numbers: Vec<_> = conditions.iter().map(|condition| condition.links().numbers()).collect();
-        // The one in which they differ.
-        let varies = |at: &usize| numbers.iter().any(|of| of.get(*at) != numbers[0].get(*at));
-        let at = (0..numbers[0].len())
-            .find(varies)
-            .filter(|_| distinct(conditions.iter()).len() == conditions.len());
-        let at = at.ok_or_else(|| usage!("`[{list}]` is no list of two or more different numbers"))?;
+        // The one in which they differ. A list may hold models instead, which have other parameters.
+        let names = |of: &[(&'static str, f64)]| of.iter().map(|(name, _)| *name).collect::<Vec<_>>();
+        let alike = numbers.iter().all(|of| names(of) == names(&numbers[0]));
+        let different = distinct(conditions.iter()).len() == conditions.len();
+        let varies = |at: &usize| numbers.iter().any(|of| of[*at] != numbers[0][*at]);
+        let at = (alike && different).then(|| (0..numbers[0].len()).find(varies)).flatten();
+        let at = at.ok_or_else(|| usage!("`[{list}]` is not a list of two or more different numbers"))?;
         let points = conditions.into_iter().zip(&numbers);
         Ok(Axis {
             links: text.to_owned(),
@@ -80,7 +81,10 @@ impl Axis {
         if self == other {
             return Ok(self);
         }
-        Err(usage!("{} means other links for teams of one size or pace than of another", self.links))
+        Err(usage!(
+            "{} means different links for these teams, since their sizes or step lengths differ",
+            self.links
+        ))
     }
 
     /// Whether these links are on it.
@@ -125,12 +129,15 @@ mod tests {
         for (text, words) in [
             ("gilbert(loss=[0.5,0.8], burst=[5,10])", "only one parameter may have a list"),
             ("delay([1,2)", "a `]` is missing"),
-            ("delay([1])", "`[1]` is no list of two or more different numbers"),
+            ("delay([1])", "`[1]` is not a list of two or more different numbers"),
             ("delay([1,1.0])", "`1.0` is not a whole number"),
-            ("latency([1,1.0])", "`[1,1.0]` is no list"),
-            ("budget(64, [turns,priority])", "is no list of two or more different numbers"),
+            ("latency([1,1.0])", "`[1,1.0]` is not a list"),
+            ("budget(64, [turns,priority])", "is not a list of two or more different numbers"),
             ("gilbert(loss=0.8, burst=[2,10])", "burst must be at least"),
             ("delay([])", "`ticks` is missing"),
+            ("[level(0.5),uniform]", "is not a list of two or more different numbers"),
+            ("[level(0.5),delay(2)]", "is not a list of two or more different numbers"),
+            ("delay(1) + [level(0.5),uniform]", "is not a list of two or more different numbers"),
             ("delei([1,2])", "nearest is `delay`"),
         ] {
             let error = Axis::parse(text, 2).unwrap_err().to_string();

@@ -18,7 +18,7 @@ pub struct Budget {
 /// Its line in the registry.
 pub(super) const MODEL: Model = Model {
     name: "budget",
-    about: "a shared channel with room for so many bytes a tick: agents send by turns, or by priority",
+    about: "a shared channel with room for this many bytes a tick: agents send in turn, or by priority",
     parameters: &[
         Parameter { name: "bytes", domain: Domain::Whole("bytes", 1.0, 1e9), default: None },
         Parameter { name: "who", domain: Domain::Word(&["turns", "priority"]), default: Some("turns") },

@@ -21,7 +21,7 @@ pub struct Gemodel {
 /// Its line in the registry.
 pub(super) const MODEL: Model = Model {
     name: "gemodel",
-    about: "the same; a bad link loses with probability 1-h and a good one with 1-k, as in netem",
+    about: "bursts as in gilbert(p, r), but a bad link loses with probability 1-h and a good one with 1-k, as in netem",
     parameters: &[
         Parameter { name: "p", domain: Domain::PROBABILITY, default: None },
         Parameter { name: "r", domain: Domain::PROBABILITY, default: None },

@@ -48,7 +48,7 @@ pub(super) const MODEL: Model = Model {
 /// The line of `gilbert(loss, burst)` in the registry.
 pub(super) const BURSTS: Model = Model {
     name: "gilbert",
-    about: "the same by what comes of it: the mean loss, and how many steps bursts of losses last on average",
+    about: "losses in bursts, given the mean loss and the mean length of bursts in steps",
     parameters: &[
         Parameter { name: "loss", domain: Domain::PROBABILITY, default: None },
         Parameter { name: "burst", domain: Domain::Number("number of steps", 1.0, 1e6), default: None },

@@ -28,7 +28,7 @@ const METRES: Domain = Domain::Number("number of metres", -1e6, 1e6);
 /// The line of `jam(from, until)` in the registry.
 pub(super) const TIME: Model = Model {
     name: "jam",
-    about: "nobody receives anything from one step on until before another",
+    about: "everything sent from step `from` on and before step `until` is lost",
     parameters: &[
         Parameter { name: "from", domain: STEP, default: None },
         Parameter { name: "until", domain: STEP, default: None },
@@ -39,7 +39,7 @@ pub(super) const TIME: Model = Model {
 /// The line of `jam(x, y, radius)` in the registry.
 pub(super) const PLACE: Model = Model {
     name: "jam",
-    about: "agents within this radius of a place receive nothing",
+    about: "agents within this radius of (x, y) receive nothing",
     parameters: &[
         Parameter { name: "x", domain: METRES, default: None },
         Parameter { name: "y", domain: METRES, default: None },

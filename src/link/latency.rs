@@ -21,7 +21,7 @@ const TICKS: Domain = Domain::Number("number of ticks", 0.0, LONGEST_DELAY as f6
 /// Its line in the registry.
 pub(super) const MODEL: Model = Model {
     name: "latency",
-    about: "observations take so many ticks, plus or minus the jitter, and arrive at the nearest",
+    about: "observations take this many ticks, plus or minus the jitter, rounded to whole ticks",
     parameters: &[
         Parameter { name: "ticks", domain: TICKS, default: None },
         Parameter { name: "jitter", domain: TICKS, default: Some("0") },

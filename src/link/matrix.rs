@@ -50,10 +50,10 @@ impl CommunicationMatrix {
         self.p.chunks_exact(self.agents).map(<[f64]>::to_vec).collect()
     }
 
-    /// The matrix that has these rows, see [`CommunicationMatrix::parse`].
-    pub(crate) fn of(rows: &[Vec<f64>]) -> Result<CommunicationMatrix> {
+    /// The matrix of a team of `agents` that has these rows, see [`CommunicationMatrix::parse`].
+    pub(crate) fn of(rows: &[Vec<f64>], agents: usize) -> Result<CommunicationMatrix> {
         let row = |row: &Vec<f64>| row.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
-        CommunicationMatrix::parse(&rows.iter().map(row).collect::<Vec<_>>().join("\n"), rows.len())
+        CommunicationMatrix::parse(&rows.iter().map(row).collect::<Vec<_>>().join("\n"), agents)
     }
 
     /// Reads a matrix for a team of `agents` from a file, see [`CommunicationMatrix::parse`].

@@ -93,7 +93,7 @@ fn delays(words: &[&str], tick: Option<f64>) -> Result<String> {
         }
     };
     let tick = tick.ok_or_else(|| {
-        usage!("a delay of {time} needs the length of a tick, which nothing says here; take latency(TICKS)")
+        usage!("a delay of {time} needs the length of a tick, which is unknown here; use latency(TICKS)")
     })?;
     // Without the noise of the division, so that 300 ms of 100 ms are 3.
     let ticks = |seconds: f64| (seconds / tick * 1e9).round() / 1e9;

@@ -29,7 +29,7 @@ const POWER: Domain = Domain::Number("number of dBm", -300.0, 300.0);
 /// Its line in the registry. The defaults are those of `RFComms`.
 pub(super) const MODEL: Model = Model {
     name: "range",
-    about: "nothing beyond max metres, and log-distance fading up to there, as Gazebo's RFComms",
+    about: "nothing beyond max metres, log-distance fading below, as in Gazebo's RFComms",
     parameters: &[
         Parameter { name: "max", domain: Domain::Number("number of metres", 0.0, 1e6), default: None },
         Parameter { name: "exponent", domain: Domain::Number("number", 0.0, 20.0), default: Some("2.5") },

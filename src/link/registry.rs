@@ -208,8 +208,8 @@ pub fn help() -> String {
     });
     let lines: Vec<String> = lines.collect();
     format!(
-        "Links, alone or in a chain such as 'gilbert(0.1, 0.3) + delay(1, 1)', which\ndelivers what all its links \
-         deliver:\n{}\nOr what netem takes, such as 'loss gemodel 10% 30% delay 20ms 5ms'.",
+        "Links, alone or in a chain such as 'gilbert(0.1, 0.3) + delay(1, 1)'. A chain\ndelivers what all its links \
+         deliver:\n{}\nOr netem's options, such as 'loss gemodel 10% 30% delay 20ms 5ms'.",
         lines.join("\n")
     )
 }

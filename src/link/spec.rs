@@ -76,8 +76,8 @@ impl LinkSpec {
     ///
     /// # Errors
     /// `Usage` if these are none.
-    pub(crate) fn fixed(rows: &[Vec<f64>]) -> Result<LinkSpec> {
-        let matrix = Argument::Matrix(Arc::new(CommunicationMatrix::of(rows)?));
+    pub(crate) fn fixed(rows: &[Vec<f64>], agents: usize) -> Result<LinkSpec> {
+        let matrix = Argument::Matrix(Arc::new(CommunicationMatrix::of(rows, agents)?));
         Ok(LinkSpec { parts: vec![Part { model: &matrix::MODEL, arguments: vec![matrix] }] })
     }
 

@@ -25,7 +25,7 @@ pub struct Trace(pub Arc<RadioLog>);
 /// Its line in the registry.
 pub(super) const MODEL: Model = Model {
     name: "trace",
-    about: "links by a log of a radio, from a step of it that is drawn for each episode",
+    about: "replays a log of a radio, from a random step of the log in each episode",
     parameters: &[Parameter { name: "FILE", domain: Domain::Log, default: None }],
     build: |arguments| Ok(Box::new(Trace(arguments[0].log().clone()))),
 };
@@ -47,7 +47,7 @@ impl Link for Trace {
     }
 
     fn longest_delay(&self) -> u8 {
-        self.0.ticks.iter().flatten().copied().max().unwrap_or_default()
+        self.0.longest_delay
     }
 }
 
@@ -60,6 +60,8 @@ pub struct RadioLog {
     steps: usize,
     /// Ticks from sending to arrival, `[step, receiver, sender]`; `None` for what never arrived.
     ticks: Vec<Option<u8>>,
+    /// The largest of them.
+    longest_delay: u8,
 }
 
 impl RadioLog {
@@ -87,7 +89,7 @@ impl RadioLog {
         let mut lines = text.trim_start_matches('\u{feff}').lines().map(str::trim).zip(1..);
         let header = lines.next().map_or("", |(header, _)| header);
         let columns = COLUMNS.iter().find(|columns| **columns == header).ok_or_else(|| {
-            usage!("line 1: `{header}` is not `{}`, with `,delay` behind it if there are delays", COLUMNS[0])
+            usage!("line 1: `{header}` is not `{}`, followed by `,delay` if there are delays", COLUMNS[0])
         })?;
         let columns = columns.split(',').count();
         let rows: Vec<(&str, usize)> = lines.filter(|(line, _)| !line.is_empty()).collect();
@@ -102,7 +104,7 @@ impl RadioLog {
         for (line, number) in rows {
             let row = Row::parse(line, columns, agents, steps).map_err(|e| usage!("line {number}: {e}"))?;
             if found[row.link(agents)].replace(row.ticks).is_some() {
-                return Err(usage!("line {number}: {row} comes twice"));
+                return Err(usage!("line {number}: {row} is given twice"));
             }
         }
         let own = |at: usize| at % links / agents == at % agents;
@@ -114,8 +116,9 @@ impl RadioLog {
                  another"
             ));
         }
-        let ticks = found.into_iter().map(|ticks| ticks.unwrap_or(Some(0))).collect();
-        Ok(RadioLog { path: String::new(), agents, steps, ticks })
+        let ticks: Vec<Option<u8>> = found.into_iter().map(|ticks| ticks.unwrap_or(Some(0))).collect();
+        let longest_delay = ticks.iter().flatten().copied().max().unwrap_or_default();
+        Ok(RadioLog { path: String::new(), agents, steps, ticks, longest_delay })
     }
 
     /// Tells logs apart, 16 hexadecimal digits (FNV-1a).
@@ -148,16 +151,16 @@ impl Row {
         };
         let last = agents.saturating_sub(1);
         let step = whole(0, "step", steps - 1)
-            .map_err(|e| usage!("{e}, for which this log has rows; are some missing?"))?;
+            .map_err(|e| usage!("{e}, the steps of a log with so many rows; are some missing?"))?;
         let (receiver, sender) = (whole(1, "receiver", last)?, whole(2, "sender", last)?);
         if receiver == sender {
-            return Err(usage!("agent {sender} needs no radio to itself"));
+            return Err(usage!("agent {sender} has no link to itself"));
         }
         let delivered = whole(3, "delivered", 1)? == 1;
         let delay = match fields.get(4) {
             Some(&"") | None => 0,
             Some(_) if !delivered => {
-                return Err(usage!("delay: what is not delivered has none; leave it empty"));
+                return Err(usage!("delay: what is not delivered has no delay; leave it empty"));
             }
             Some(_) => whole(4, "delay", LONGEST_DELAY.into())? as u8,
         };
@@ -218,7 +221,7 @@ mod tests {
             (&format!("{header}0,0,1,1\n"), "the row of step 0, receiver 1, sender 0 is missing"),
             (
                 &format!("{header}1,0,1,1\n1,1,0,1\n"),
-                "step: `1` is not a whole number from 0 to 0, for which",
+                "step: `1` is not a whole number from 0 to 0, the steps of a log",
             ),
             (
                 &format!("{header}1,0,1,1\n1,1,0,1\n0,1,0,1\n"),
@@ -226,17 +229,17 @@ mod tests {
             ),
             (
                 &format!("{header}0,0,1,1\n\n0,0,1,0\n"),
-                "line 4: the row of step 0, receiver 0, sender 1 comes twice",
+                "line 4: the row of step 0, receiver 0, sender 1 is given twice",
             ),
             (&format!("{header}0,0,1\n"), "line 2: it has 3 fields, not 4"),
             (&format!("{header}0,0,2,1\n"), "sender: `2` is not a whole number from 0 to 1"),
             (&format!("{header}0,0,1,2\n"), "delivered: `2` is not a whole number from 0 to 1"),
-            (&format!("{header}0,1,1,1\n"), "agent 1 needs no radio"),
+            (&format!("{header}0,1,1,1\n"), "agent 1 has no link to itself"),
             (
                 &format!("{},delay\n0,0,1,1,101\n", header.trim()),
                 "delay: `101` is not a whole number from 0 to 100",
             ),
-            (&format!("{},delay\n0,0,1,0,1\n", header.trim()), "what is not delivered has none"),
+            (&format!("{},delay\n0,0,1,0,1\n", header.trim()), "what is not delivered has no delay"),
         ] {
             let message = RadioLog::parse(text, 2).unwrap_err().to_string();
             assert!(message.contains(words), "{text:?}: {message}");

@@ -128,8 +128,9 @@ impl Arena {
     /// Tells what the agents of an environment that lives in Python observe, `f32 [agents, longest observation]`.
     fn tell(&self, py: Python, observations: &Bound<PyAny>) -> PyResult<()> {
         let play = self.play()?;
-        let told =
-            play.told().ok_or_else(|| PyValueError::new_err("nobody tells our tasks what is observed"))?;
+        let told = play.told().ok_or_else(|| {
+            PyValueError::new_err("tell() is for environments in Python, not for our tasks")
+        })?;
         let spec = play.stage().spec();
         let mut read = Ok(());
         told.tell(|told| {
@@ -217,7 +218,7 @@ impl Arena {
     fn play(&self) -> PyResult<MutexGuard<'_, Play>> {
         self.0.try_lock().map_err(|_| {
             PyValueError::new_err(
-                "this environment is in use by another thread, or broken by a panic; make one each",
+                "this environment is in use by another thread, or broken by a panic; make one for each thread",
             )
         })
     }

@@ -23,7 +23,7 @@ fn fitting<T: Element>(array: &Bound<PyAny>, values: usize) -> PyResult<PyBuffer
         return Ok(buffer);
     }
     Err(PyValueError::new_err(format!(
-        "an array of {} values stands where a contiguous one of {values} is needed",
+        "an array of {} values was given instead of a contiguous one of {values}",
         buffer.item_count()
     )))
 }

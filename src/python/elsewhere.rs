@@ -42,7 +42,7 @@ pub(super) fn described(
         return Err(usage!("{name} has {} agents, and a team has 1 to {MAX_AGENTS}", agents.len()));
     }
     let values = values.map(serde_json::from_str::<Vec<Vec<Value>>>).transpose();
-    let values = values.map_err(|error| usage!("{name} says wrongly what is observed: {error}"))?;
+    let values = values.map_err(|error| usage!("{name} describes its observations wrongly: {error}"))?;
     let agent = |(agent, (called, length)): (usize, &Observer)| AgentSpec {
         name: called.clone(),
         observation: match &values {
@@ -103,7 +103,7 @@ impl Environment for Elsewhere {
     }
 
     fn set_state(&mut self, _world: usize, _state: &State, _last_actions: Option<&[u32]>) -> Result<()> {
-        Err(failed!("{} lives in Python, where alone its state can be set", self.spec.id))
+        Err(failed!("{} lives in Python: its state can be set only there", self.spec.id))
     }
 
     fn positions(&self, _world: usize) -> &[DVec2] {

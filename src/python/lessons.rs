@@ -74,6 +74,6 @@ impl Lessons {
 
 impl Lessons {
     fn lessons(&self) -> PyResult<MutexGuard<'_, train::Lessons>> {
-        self.0.try_lock().map_err(|_| PyValueError::new_err("another thread learns with this"))
+        self.0.try_lock().map_err(|_| PyValueError::new_err("another thread is using these lessons"))
     }
 }

@@ -117,7 +117,7 @@ impl Play {
             self.seed = seed;
         }
         let end = episode.checked_add(self.worlds as u64);
-        let end = end.ok_or_else(|| usage!("there is no episode {episode}: their numbers have 64 bits"))?;
+        let end = end.ok_or_else(|| usage!("there is no episode {episode}: episode numbers have 64 bits"))?;
         self.stage.start_over(seed, episode);
         self.stage.begin_episodes(end)?;
         self.ears.begin_episodes();

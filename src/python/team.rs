@@ -102,7 +102,7 @@ impl Team {
         let actors = self.0.try_lock();
         let mut actors = actors.map_err(|_| {
             PyValueError::new_err(
-                "this policy is in use by another thread, or broken by a panic; load one each",
+                "this policy is in use by another thread, or broken by a panic; load one for each thread",
             )
         })?;
         act(&mut actors)

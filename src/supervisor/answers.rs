@@ -55,21 +55,24 @@ impl Processes {
     /// Takes note of the agents that are ready.
     pub(super) fn take_ready(&mut self) -> Result<()> {
         while let Some(sample) = self.port.receive_decision()? {
-            self.note_ready(&sample)?;
+            if let Some(agent) = self.note_ready(&sample)? {
+                self.answered |= 1 << agent;
+            }
         }
         Ok(())
     }
 
-    /// Takes note that an agent is ready, if the message says so.
-    fn note_ready(&mut self, sample: &SharedSample) -> Result<()> {
+    /// Takes note that an agent is ready, if the message says so; which one.
+    fn note_ready(&mut self, sample: &SharedSample) -> Result<Option<usize>> {
         if sample.header().kind != Kind::Ready as u32 {
-            return Ok(());
+            return Ok(None);
         }
-        if let Some(agent) = self.take(sample, Due { kind: Kind::Ready, tick: 0, words: 1 })? {
+        let agent = self.take(sample, Due { kind: Kind::Ready, tick: 0, words: 1 })?;
+        if let Some(agent) = agent {
             self.granted[agent] = Granted::from_bits(sample.words()[0]);
             self.roster.ready(agent);
         }
-        Ok(())
+        Ok(agent)
     }
 
     /// Takes note of who has published its observation.
@@ -78,12 +81,13 @@ impl Processes {
         let due = Due { kind: Kind::Observation, tick: tick.tick, words };
         while let Some(sample) = self.port.receive_observation()? {
             let Some(agent) = self.take(&sample, due)? else { continue };
+            self.answered |= 1 << agent;
             decisions.times[agent].published_ns = sample.header().sent_ns;
             let own = &tick.observations[agent * words..][..words];
             if sample.words() != bytemuck::cast_slice::<f32, u32>(own) {
                 return Err(failed!(
-                    "agent-{agent} published something else than its sensor gave it, at tick {}; nothing that was \
-                     played from there on can be trusted",
+                    "agent-{agent} published something other than its sensor gave it, at tick {}; nothing played from \
+                     there on can be trusted",
                     tick.tick
                 ));
             }
@@ -109,20 +113,20 @@ impl Processes {
             let decision = self.layout.decision(sample.words(), tick.worlds);
             match Decisions::fault_of(&self.spec, agent, &decision) {
                 None => {
+                    self.answered |= 1 << agent;
                     decisions.times[agent].decided_ns = sample.header().sent_ns;
                     decisions.take(agent, &decision);
                 }
-                Some(fault) => {
-                    self.answered &= !(1 << agent);
-                    self.lose(agent, Loss::Hung(fault))?;
-                }
+                Some(fault) => self.lose(agent, Loss::Hung(fault))?,
             }
         }
         Ok(())
     }
 
-    /// Notes that an agent has answered, if the message is what is due of it. What is late, or of a process that is gone, is
-    /// left aside.
+    /// Whose message it is, if it is what is due of that agent. What is late, or of a process that is gone, is left aside.
+    ///
+    /// # Errors
+    /// `Failed` if an agent has published an observation in the name of another: its peers may have taken it for one.
     fn take(&mut self, sample: &SharedSample, due: Due) -> Result<Option<usize>> {
         let (header, agent) = (sample.header(), sample.header().sender as usize);
         let speaker = self.speakers.of(sample, &self.agents);
@@ -133,8 +137,16 @@ impl Processes {
             && header.incarnation == self.roster.incarnation(agent)
             && speaker.is_none_or(|speaker| speaker == agent);
         if expected {
-            self.answered |= 1 << agent;
             return Ok(Some(agent));
+        }
+        if let Some(speaker) = speaker.filter(|speaker| *speaker != agent)
+            && due.kind == Kind::Observation
+        {
+            return Err(failed!(
+                "agent-{speaker} published an observation in the name of agent-{agent}, at tick {}; nothing that was \
+                 played from there on can be trusted",
+                due.tick
+            ));
         }
         if let Some(speaker) = speaker
             && let Some(fault) = due.fault_of(sample, &self.expected_of(speaker))

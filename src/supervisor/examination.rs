@@ -264,12 +264,19 @@ impl Examination {
             if sample.header().tick == due.tick {
                 return Ok(sample);
             }
+            if left.is_zero() {
+                return Err(failed!("tick {}: sent only what is late for {longest:?}", due.tick));
+            }
         }
     }
 
     /// Notes whether it has decided although it should not have yet.
     fn watch(&mut self, tick: &Tick, why: &str) -> Result<Option<SharedSample>> {
-        let early = self.await_answer(WATCH, SupervisorPort::receive_decision)?;
+        let early = self.await_answer(WATCH, SupervisorPort::receive_decision);
+        if let Err(e) = &early {
+            self.note(MESSAGES, Some(format!("tick {}: {e}", tick.tick)));
+        }
+        let early = early?;
         self.note(WAITING, early.is_some().then(|| format!("tick {}: decided {why}", tick.tick)));
         Ok(early)
     }
@@ -334,7 +341,7 @@ impl Team for Examination {
     }
 
     fn renew(&mut self, _weights: &[f32]) -> Result<()> {
-        Err(failed!("an agent is examined with a policy that stays as it is"))
+        Err(failed!("an agent is checked with a frozen policy"))
     }
 }
 

@@ -378,12 +378,12 @@ fn check_others(others: &[(usize, AgentCommand)], team: usize) -> Result<()> {
     for (at, (agent, _)) in others.iter().enumerate() {
         if *agent >= team {
             return Err(usage!(
-                "there is no agent {agent} to start otherwise: this team has agents 0 to {}",
+                "there is no agent {agent} to replace: this team has agents 0 to {}",
                 team - 1
             ));
         }
         if others[..at].iter().any(|(other, _)| other == agent) {
-            return Err(usage!("two commands to start agent {agent} by; give one"));
+            return Err(usage!("two commands for agent {agent}; give one"));
         }
     }
     Ok(())

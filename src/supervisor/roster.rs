@@ -195,8 +195,8 @@ impl Roster {
         if let Presence::Starting(since) = entry.presence {
             self.faults.restarts += 1;
             self.faults.rejoin.record(since.elapsed().as_nanos() as u64);
+            entry.presence = Presence::There;
         }
-        entry.presence = Presence::There;
     }
 
     /// The agents that were started anew and have not decided since, bit by bit.

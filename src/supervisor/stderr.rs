@@ -26,11 +26,14 @@ impl OwnStderr {
 
     /// Copies it to ours, line by line, with a name in front. Returns the last line.
     pub(super) fn pass_on(self, name: &str) -> Option<String> {
-        let mut last = None;
-        for line in BufReader::new(self).split(b'\n').map_while(|line| line.ok()) {
-            let line = String::from_utf8_lossy(&line).into_owned();
+        /// A longer line is several.
+        const LONGEST: u64 = 1 << 16;
+        let (mut reader, mut bytes, mut last) = (BufReader::new(self), Vec::new(), None);
+        while reader.by_ref().take(LONGEST).read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
+            let line = String::from_utf8_lossy(bytes.strip_suffix(b"\n").unwrap_or(&bytes)).into_owned();
             say(format!("[{name}] {line}"));
             last = Some(line);
+            bytes.clear();
         }
         last
     }

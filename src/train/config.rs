@@ -258,7 +258,7 @@ impl Config {
         };
         let links = LinkSpec::parse(text, spec).map_err(|e| usage!("`train_p`: {e}"))?;
         if links.matrices().next().is_some() || links.logs().next().is_some() {
-            return Err(usage!("`train_p` is {text}: links that are in a file are not for training"));
+            return Err(usage!("`train_p` is {text}: training takes no links from files"));
         }
         Ok(links.build())
     }

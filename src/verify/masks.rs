@@ -51,7 +51,7 @@ impl Masks {
 fn links(header: &RecordingHeader, episode: &Episode, spec: &Spec) -> Option<Links> {
     let links = match (header.links.as_deref()?, &header.matrix) {
         ("level", _) => LinkSpec::level(episode.p?),
-        ("matrix", Some(rows)) => LinkSpec::fixed(rows),
+        ("matrix", Some(rows)) => LinkSpec::fixed(rows, spec.n_agents()),
         (text, _) => LinkSpec::parse(text, spec),
     };
     links.ok().map(|links| links.build())

@@ -107,7 +107,7 @@ impl Desk {
 
     fn run(&mut self, speed: impl Fn(usize) -> usize) -> Meaning {
         if !self.is_paced() {
-            return self.refuse("the speed is that of the clock: --rate");
+            return self.refuse("the speed is set by --rate");
         }
         self.speed = speed(self.speed);
         Meaning::Told(Command::Pace(self.rate()))
@@ -118,7 +118,7 @@ impl Desk {
             return self.refuse("these links have no level to set");
         };
         if self.recorded {
-            return self.refuse("p stays as it is in a recorded run");
+            return self.refuse("p cannot change in a recorded run");
         }
         // To the next on the grid, from wherever it was.
         let at = level * STEPS;
@@ -136,9 +136,9 @@ impl Desk {
         let returns = event == Event::Kill && !self.is_paced();
         self.down = if is_down || returns { self.down & !bit } else { self.down | bit };
         let (done, undo) = match event {
-            Event::Kill if returns => ("killed", ", and started anew"),
-            Event::Kill => ("killed", "; k starts it anew"),
-            Event::Stop => ("stopped", "; x lets it go on"),
+            Event::Kill if returns => ("killed", ", and restarts"),
+            Event::Kill => ("killed", "; k restarts it"),
+            Event::Stop => ("stopped", "; x lets it continue"),
             Event::Return => ("told to return", ""),
         };
         self.notice = format!("agent {agent} is {done}{undo}");

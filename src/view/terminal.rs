@@ -80,12 +80,12 @@ impl Terminal {
     /// # Errors
     /// `Failed` if it is gone, or was taken before.
     pub(super) fn take(&self) -> Result<()> {
-        let failed = |e: io::Error| failed!("cannot take the terminal for a view: {e}");
+        let failed = |e: io::Error| failed!("cannot set up the terminal for a view: {e}");
         let before = tcgetattr(&self.file).map_err(|e| failed(e.into()))?;
         let mut raw = before.clone();
         raw.make_raw();
         if BEFORE.set((self.file.clone(), before)).is_err() {
-            return Err(failed!("the terminal has been taken for a view before"));
+            return Err(failed!("this process has shown a view before; a view can be shown once"));
         }
         let hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {

@@ -96,7 +96,7 @@ def test_velocity_moves_what_the_environment_says(drift):
         with pytest.raises(ValueError, match=f"{imputer} must know .* drift does not say"):
             LossyLinks(drift(), imputer=imputer)
     said["left"].pop()
-    with pytest.raises(AgentError, match=r"left: metadata\['values'\] says 1 values of it, and it sends 2"):
+    with pytest.raises(AgentError, match=r"left: metadata\['values'\] has 1 values for it, but it sends 2"):
         LossyLinks(telling(), imputer="velocity")
 
 

@@ -58,10 +58,15 @@ fn stranger() {
         let header = Header { protocol, swarm, sender, incarnation, ..now };
         let worlds = now.worlds as usize;
         let length = layout.observation_words(worlds) as u64;
-        let observation = Header { kind: Kind::Observation as u32, length, ..header };
+        let observer = sender - u32::from(is("forges"));
+        let observation = Header { kind: Kind::Observation as u32, sender: observer, length, ..header };
         let observed = layout.sensor(sensor.words(), worlds).observations;
         port.publish_observation(observation, |words| words.copy_from_slice(bytemuck::cast_slice(observed)))
             .unwrap();
+        if is("again") {
+            port.publish_decision(ready, |words| words.fill(0)).unwrap();
+            continue;
+        }
         let words = layout.decision_words(worlds) - usize::from(is("length"));
         let tick = now.tick + u64::from(is("tick"));
         let decision = Header { kind: Kind::Decision as u32, length: words as u64, tick, ..header };
@@ -86,16 +91,18 @@ fn settings() -> AgentSettings {
     AgentSettings::of(Task::parse("hear-see").unwrap().spec())
 }
 
-/// Starts a team whose agent 1 is this command, and has it play an episode.
-fn play(command: AgentCommand, on_failure: OnFailure) -> (Result<(), Error>, Option<Processes>) {
+/// Starts a team whose agent 1 does this wrong, and has it play an episode.
+fn play(what: &str, on_failure: OnFailure) -> (Result<(), Error>, Option<Processes>) {
+    // Short where nothing but time tells.
+    let answer = if ["silent", "again"].contains(&what) { 1500 } else { 30_000 };
     let deadlines = Deadlines {
         ready: Duration::from_secs(20),
-        answer: Duration::from_millis(1500),
+        answer: Duration::from_millis(answer),
         ..Deadlines::default()
     };
     let conduct = Conduct {
         command: Some(common::this_binary()),
-        others: vec![(1, command)],
+        others: vec![(1, wrong(what))],
         deadlines,
         on_failure,
         ..Conduct::default()
@@ -119,12 +126,13 @@ fn what_a_stranger_does_wrong_is_said_of_it() {
         ("another", "speaks for agent-0"),
         ("exit", "ended with exit code 7; it said: out of ideas"),
         ("silent", "did not publish an observation within"),
+        ("again", "did not decide within"),
         ("tick", "is at tick 2 when tick 1 is played"),
         ("length", "words as a message of kind 4"),
         ("number", "not numbers"),
         ("action", "chose an action it does not have: [99]"),
     ] {
-        let (played, team) = play(wrong(what), OnFailure::Abort);
+        let (played, team) = play(what, OnFailure::Abort);
         let error = played.unwrap_err();
         assert!(error.is_loss(), "{what}: {error}");
         let error = error.to_string();
@@ -138,13 +146,20 @@ fn what_a_stranger_does_wrong_is_said_of_it() {
 }
 
 #[test]
+fn an_observation_in_the_name_of_another_ends_the_run() {
+    let (played, _team) = play("forges", OnFailure::Continue);
+    let error = played.unwrap_err().to_string();
+    assert!(error.contains("agent-1 published an observation in the name of agent-0"), "{error}");
+}
+
+#[test]
 fn the_others_play_on_without_a_stranger_that_does_wrong() {
-    let (played, team) = play(wrong("number"), OnFailure::Continue);
+    let (played, team) = play("number", OnFailure::Continue);
     played.unwrap();
     let team = team.unwrap();
     assert_eq!((team.faults().hangs, team.faults().restarts), (1, 0));
     // It is tried again, and given up.
-    let (played, team) = play(wrong("number"), OnFailure::Restart);
+    let (played, team) = play("number", OnFailure::Restart);
     assert!(played.unwrap_err().to_string().contains("not numbers"));
     assert_eq!(team.unwrap().faults().restarts, 2);
 }
@@ -169,7 +184,7 @@ fn who_never_gets_ready_takes_those_along_that_it_started() {
 fn commands_that_make_no_sense() {
     for (words, says) in [
         ("--agent 2", "expected an agent and a command"),
-        ("--agent x=true", "`x` is no agent"),
+        ("--agent x=true", "`x` is not an agent"),
         ("--agent 0=", "no words"),
         ("--task hear-see --agent 2=true", "there is no agent 2"),
         ("--task hear-see --agent 1=true --agent 1=false", "two commands"),

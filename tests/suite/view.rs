@@ -161,7 +161,7 @@ fn keys_pause_step_choose_set_p_and_end() {
     seat.press("\t]");
     seat.sees(&["the world as agent 1 knows it", "p = 0.55", "paused"]);
     seat.press("k");
-    seat.sees(&["agent 1 is killed; k starts it anew"]);
+    seat.sees(&["agent 1 is killed; k restarts it"]);
     seat.press("..");
     seat.sees(&[" 1 absent", "it is not there"]);
     seat.press("km ");
@@ -228,7 +228,7 @@ fn a_trace_says_who_was_killed_by_hand() {
     let mut seat = Seat::of(&words, 80, 24);
     seat.sees(&["speed x1"]);
     seat.press(" ]");
-    seat.sees(&["p stays as it is in a recorded run"]);
+    seat.sees(&["p cannot change in a recorded run"]);
     seat.press("k.");
     seat.sees(&["it is not there"]);
     seat.press("km ");

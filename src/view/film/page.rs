@@ -73,7 +73,7 @@ fn controls(film: &Film) -> Markup {
             div.time {
                 button #play type="button" { "Play" }
                 button #back type="button" aria-label="One step back" { "<" }
-                button #forward type="button" aria-label="One step on" { ">" }
+                button #forward type="button" aria-label="One step forward" { ">" }
                 input #step type="range" min="0" value="0" aria-label="Step";
                 output #clock {}
             }
@@ -112,27 +112,27 @@ fn controls(film: &Film) -> Markup {
 fn legend(films: &[Film]) -> Markup {
     let keys = [
         ("Space", "play or pause"),
-        ("Left, Right", "one step back or on"),
+        ("Left, Right", "one step back, one step forward"),
         ("Home, End", "the beginning, the end"),
-        ("n, b", "the next episode, the one before"),
+        ("n, b", "the next, the previous episode"),
         ("a", "the next agent"),
         ("+, -", "faster, slower"),
         ("g, l, t", "ghosts, links, trails on or off"),
     ];
     let meanings = [
-        ("dots", "agents, with their trails; a dashed one is absent or did not decide"),
+        ("dots", "agents, with their trails; a dashed one was absent or did not decide in time"),
         ("crosses", "landmarks; the ringed one is the goal"),
         (
             "dashed circles",
-            "ghosts: where the chosen agent thinks the others are that it was not told of just now",
+            "ghosts: where the chosen agent thinks those others are that it did not hear at this step",
         ),
-        ("green lines", "what the chosen agent receives; dashed: delayed by links, for so many ticks"),
-        ("red dots", "what the links lost"),
-        ("orange lines", "what came after the deadline, against the clock"),
         (
-            "imputation error",
-            "root mean squared error of what the chosen agent imputed, or of the whole team",
+            "green lines",
+            "what the chosen agent receives; dashed: delayed by the links, by as many ticks as the number says",
         ),
+        ("red dots", "what the links lost"),
+        ("orange lines", "what came after the deadline, in real time"),
+        ("imputation error", "root mean square error of what the chosen agent imputed, or the whole team"),
     ];
     let list = |entries: &[(&str, &str)]| {
         html! { dl { @for (term, meaning) in entries { dt { (term) } dd { (meaning) } } } }
@@ -140,7 +140,7 @@ fn legend(films: &[Film]) -> Markup {
     html! {
         details { summary { "Keys" } (list(&keys)) }
         details {
-            summary { "What is what" }
+            summary { "Legend" }
             (list(if films.iter().any(Film::is_of_a_trace) { &meanings } else { &meanings[..2] }))
         }
     }
