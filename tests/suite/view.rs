@@ -224,7 +224,7 @@ fn who_does_not_read_misses_pictures_and_nothing_else() {
 fn a_trace_says_who_was_killed_by_hand() {
     let folder = tempfile::tempdir().unwrap();
     let trace = folder.path().join("run.json");
-    let words = format!("--agents 4 --p 0.5 --in-process --episodes 20 --record {}", trace.display());
+    let words = format!("--agents 4 --p 0.5 --in-process --episodes 4 --record {}", trace.display());
     let mut seat = Seat::of(&words, 80, 24);
     seat.sees(&["speed x1"]);
     seat.press(" ]");
