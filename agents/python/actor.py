@@ -70,9 +70,12 @@ def choose(logits, draw, greedy):
     """The most probable action, or the one whose share of [0, 1) contains the draw."""
     if greedy:
         return int(np.argmax(logits))
-    weights = np.exp(logits.astype(np.float64) - float(logits.max()))
-    left = draw * sum(weights.tolist())
-    for action, weight in enumerate(weights.tolist()):
+    weights = np.exp(logits.astype(np.float64) - float(logits.max())).tolist()
+    total = 0.0
+    for weight in weights:  # sum() corrects its rounding from Python 3.12 on, and the swarm's own agents do not
+        total += weight
+    left = draw * total
+    for action, weight in enumerate(weights):
         left -= weight
         if left < 0:
             return action

@@ -204,7 +204,7 @@ class Port:
 
     def _sleep(self, longest, wakes=True):
         if os.getppid() != self.told["supervisor"]:
-            sys.exit("error: the supervisor is gone")
+            sys.exit("error: the supervisor is gone, or the command did not `exec` this agent")
         if self.spins:
             time.sleep(0)
         elif wakes:

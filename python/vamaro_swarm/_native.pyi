@@ -21,6 +21,7 @@ class Arena:
     joint: int
     parts: tuple[list[int], int]
     episode_steps: int
+    dt: float
     actions: list[tuple[int, list[float], list[float]]]
 
     @staticmethod
@@ -93,10 +94,13 @@ class Evaluation:
     @staticmethod
     def of_policies(arguments: list[str], call: str) -> Evaluation: ...
     @staticmethod
+    def check(conditions: list[str], agents: int, tick: float | None) -> None: ...
+    @staticmethod
     def of_returns(
         *,
         environment: str,
         agents: int,
+        tick: float | None,
         teams: list[str],
         seed: int,
         share_at_start: bool,

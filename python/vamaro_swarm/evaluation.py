@@ -13,7 +13,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import _native
+from . import _native, values
 from .errors import Error
 from .fitted import FittedImputer
 from .hearing import Guess
@@ -99,8 +99,9 @@ def evaluate(
     make: Callable[..., Any]
     study = _Study(conditions, episodes, seed, baseline, share_at_start, max_steps)
     if isinstance(env_fn, str):
-        ours = [*teams, *(named or {}).values()]
-        if all(isinstance(one, (str, PathLike)) for one in ours):
+        # Ours go by their own names.
+        ours = all(name == imputer for name, imputer in (named or {}).items())
+        if ours and all(isinstance(team, (str, PathLike)) for team in teams):
             return study.of_files(env_fn, [fspath(team) for team in teams], named, greedy)
         make = partial(parallel_env, env_fn, share_at_start=share_at_start)
         players = [Players(team, env_fn, greedy) for team in teams]
@@ -139,18 +140,21 @@ class _Study:
         """The teams play in Python, in the environments that `make` makes."""
         if self.baseline is not None and self.baseline not in imputers:
             raise ValueError(f"the baseline {self.baseline} is none of the imputers {', '.join(imputers)}")
+        with closing(make(p=1.0)) as env:
+            environment = str(env.metadata.get("name", "environment"))
+            agents, tick = len(env.possible_agents), values.step(env)
+            _native.Evaluation.check(self.conditions, agents, tick)
+            random = self._returns(env, RandomTeam(env))
         cells = [
             (team, condition, name, returns)
             for condition in self.conditions
             for name, played in self._played(make, players, imputers, condition)
             for team, returns in enumerate(played)
         ]
-        with closing(make(p=1.0)) as env:
-            random = self._returns(env, RandomTeam(env))
-            environment, agents = str(env.metadata.get("name", "environment")), len(env.possible_agents)
         native = _native.Evaluation.of_returns(
             environment=environment,
             agents=agents,
+            tick=tick,
             teams=[played.name or f"team-{number}" for number, played in enumerate(players)],
             seed=self.seed,
             share_at_start=self.share_at_start,

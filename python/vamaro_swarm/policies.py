@@ -31,9 +31,9 @@ class Team:
 
     def begin(self, seed: int = 0, episode: int = 0, num_envs: int | None = None) -> None:
         """Begins an episode. Seed and episode decide the draws of actions, which are those of `vamaro-swarm spawn`."""
-        self._worlds = 1 if num_envs is None else num_envs
-        self._batched = num_envs is not None
-        self._actors.begin(seed, episode, self._worlds)
+        worlds = 1 if num_envs is None else num_envs
+        self._actors.begin(seed, episode, worlds)
+        self._worlds, self._batched = worlds, num_envs is not None
 
     def __call__(self, agent: str, estimate: NDArray[np.float32]) -> Any:
         """The action of an agent, given its joint estimate."""

@@ -85,6 +85,7 @@ class TaskEnv(ParallelEnv[str, NDArray[np.float32], Any]):
     def __init__(self, arena: Arena, imputer: object, render_mode: str | None) -> None:
         self.metadata = {
             "name": arena.name,
+            "dt": arena.dt,
             "render_modes": ["rgb_array"],
             "render_fps": 10,
             "is_parallelizable": True,

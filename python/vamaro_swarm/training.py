@@ -56,7 +56,7 @@ def _run(words: list[str], quiet: bool) -> None:
             # It keeps what it has learned. A terminal has told it already.
             process.send_signal(signal.SIGTERM)
             try:
-                process.wait(60)
+                process.communicate(timeout=60)
             except subprocess.TimeoutExpired:
                 process.kill()
             raise

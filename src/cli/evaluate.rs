@@ -36,7 +36,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "T")]
     task: Option<String>,
 
-    /// Probabilities of delivery, p
+    /// Probabilities of delivery, p; '' for none, where other conditions are given
     #[arg(
         long,
         value_name = "LIST",
@@ -302,7 +302,9 @@ impl Evaluate {
             let read = entrants.iter().map(|entrant| parse(text, entrant.task.spec().into()));
             read.reduce(|all, one| all.and(one)).expect("there are policies")
         };
-        let all = self.levels.iter().map(|text| ("--levels", level(text)));
+        // An empty list is one empty word.
+        let levels = if self.levels == [""] { &[] } else { &self.levels[..] };
+        let all = levels.iter().map(|text| ("--levels", level(text)));
         let all = all.chain(self.modes.iter().map(|text| ("--modes", mode(text))));
         let all = all.chain(links.into_iter().map(|text| ("--links", for_all(text, Condition::parse))));
         let all = all.chain(self.chaos.iter().map(|text| ("--chaos", for_all(text, Condition::parse_chaos))));
@@ -319,6 +321,9 @@ impl Evaluate {
             if !conditions.contains(&point.condition) {
                 conditions.push(point.condition.clone());
             }
+        }
+        if conditions.is_empty() {
+            return Err(usage!("there is nothing to play: give --levels, --modes, --links or --chaos"));
         }
         Ok((conditions, axes))
     }

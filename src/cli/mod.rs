@@ -121,10 +121,14 @@ docs/installing.md says where each shell looks for them.")]
 static ARGUMENTS: OnceLock<Vec<OsString>> = OnceLock::new();
 
 /// Runs the command line, without the name of the program: parses, dispatches, and prints an error in this one place.
-/// Returns the exit code; help, and what cannot be parsed, end the program.
+/// Returns the exit code; help, and what cannot be parsed, end the program. A process runs one command line.
 pub fn run(arguments: Vec<OsString>) -> u8 {
-    let arguments = ARGUMENTS.get_or_init(|| arguments);
-    match Cli::parse_from(std::iter::once(&OsString::from("vamaro-swarm")).chain(arguments)).run() {
+    let words = std::iter::once(OsString::from("vamaro-swarm")).chain(arguments.clone());
+    let result = match ARGUMENTS.set(arguments) {
+        Ok(()) => Cli::parse_from(words).run(),
+        Err(_) => Err(usage!("this process has run a command line already; start a process for each")),
+    };
+    match result {
         Ok(()) => 0,
         Err(error) => {
             // Where stderr cannot be written the exit code says it all.

@@ -51,7 +51,7 @@ impl Bodies {
                 match (value.unit, value.rate) {
                     (Unit::MetrePerSecond, _) => body.velocities.push((first + dim, axis)),
                     (Unit::Metre, Some((rate, sign)))
-                        if agent.observation[rate] == Value::velocity(value.about, axis) =>
+                        if agent.observation.get(rate) == Some(&Value::velocity(value.about, axis)) =>
                     {
                         body.places.push(Place { dim: first + dim, axis, rate: first + rate, sign });
                         if sign == 1.0 {
@@ -95,5 +95,23 @@ impl Bodies {
     pub(super) fn spot(&self, agent: usize, joint: &[f32]) -> Option<DVec2> {
         let [x, y] = self.agents[agent].spot;
         Some(DVec2::new(joint[x?].into(), joint[y?].into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::environment::{ActionSpace, AgentSpec};
+
+    #[test]
+    fn a_rate_of_change_that_is_not_there_moves_nothing() {
+        let bodies = |rate| {
+            let about = About::Agent(0);
+            let observation = vec![Value::moving(about, Axis::X, rate, 1.0), Value::velocity(about, Axis::X)];
+            let agent = AgentSpec { name: "left".into(), observation, actions: ActionSpace::Discrete(1) };
+            Bodies::of(&Spec::of("drift", vec![agent])).unwrap()
+        };
+        assert_eq!(bodies(1).places(0).len(), 1);
+        assert!(bodies(7).places(0).is_empty());
     }
 }

@@ -109,6 +109,12 @@ impl Arena {
         Ok(self.play()?.stage().spec().episode_steps)
     }
 
+    /// How long a step of one of our tasks is, s.
+    #[getter]
+    fn dt(&self) -> PyResult<f64> {
+        Ok(self.play()?.stage().spec().dt)
+    }
+
     /// What each agent can do: how many actions it has, or the bounds of its values.
     #[getter]
     fn actions(&self) -> PyResult<Vec<Choices>> {

@@ -31,7 +31,7 @@ pub(super) struct Described {
 /// s, if that is known.
 ///
 /// # Errors
-/// `Usage` if there are too many agents, or that is no such JSON.
+/// `Usage` if there are too many agents, that is no such JSON, or it tells of agents and values that are not there.
 pub(super) fn described(
     name: &str,
     agents: &[Observer],
@@ -53,6 +53,28 @@ pub(super) fn described(
         actions: ActionSpace::Discrete(1),
     };
     let plain = Spec::of(name, agents.iter().enumerate().map(agent).collect());
+    for AgentSpec { name: observer, observation, .. } in &plain.agents {
+        for value in observation {
+            if let About::Agent(about) = value.about
+                && about >= agents.len()
+            {
+                return Err(usage!(
+                    "{name} says that {observer} observes a value about agent {about}, and the team has {}; they count \
+                     from 0",
+                    agents.len()
+                ));
+            }
+            if let Some((rate, _)) = value.rate
+                && rate >= observation.len()
+            {
+                return Err(usage!(
+                    "{name} says that value {rate} of what {observer} observes is a rate of change, and there are {} \
+                     values; they count from 0",
+                    observation.len()
+                ));
+            }
+        }
+    }
     let spec = Spec { episode_steps: u32::MAX as usize, dt: dt.unwrap_or(plain.dt), ..plain };
     Ok(Described { spec, moves: values.is_some(), tick: dt })
 }

@@ -13,6 +13,7 @@ use crate::cli::evaluate::Evaluate;
 use crate::cli::machine;
 use crate::evaluate::report::{self, Provenance};
 use crate::evaluate::{Cell, Condition, Contender, Outcome, RandomTeam, Settings, Summary};
+use crate::link::Site;
 
 /// What was played, and its statistics.
 #[pyclass(frozen, module = "vamaro_swarm._native")]
@@ -34,15 +35,23 @@ impl Evaluation {
         Ok(Evaluation { played, summary, provenance: provenance(call) })
     }
 
-    /// The statistics of what was played in Python: returns of `teams` in an `environment` of so many agents, cell by
-    /// cell, and those of a team that acts at random. Imputers are compared with `baseline`.
+    /// Raises if one of these conditions cannot be read where there are so many agents and a step takes `tick` s.
+    #[staticmethod]
+    fn check(py: Python, conditions: Vec<String>, agents: usize, tick: Option<f64>) -> PyResult<()> {
+        let read = conditions.iter().try_for_each(|text| condition(text, Site { agents, tick }).map(drop));
+        read.map_err(|error| raised(py, error))
+    }
+
+    /// The statistics of what was played in Python: returns of `teams` in an `environment` of so many agents, whose steps
+    /// take `tick` s, cell by cell, and those of a team that acts at random. Imputers are compared with `baseline`.
     #[staticmethod]
     #[expect(clippy::too_many_arguments, reason = "the package calls it, by name")]
-    #[pyo3(signature = (*, environment, agents, teams, seed, share_at_start, random, cells, baseline, call))]
+    #[pyo3(signature = (*, environment, agents, tick, teams, seed, share_at_start, random, cells, baseline, call))]
     fn of_returns(
         py: Python,
         environment: String,
         agents: usize,
+        tick: Option<f64>,
         teams: Vec<String>,
         seed: u64,
         share_at_start: bool,
@@ -61,11 +70,8 @@ impl Evaluation {
             fingerprint: String::new(),
             predictors: Vec::new(),
         };
-        let cell = |(contender, condition, imputer, returns): Played| {
-            let condition = match condition.strip_prefix("p=").and_then(|p| p.parse().ok()) {
-                Some(p) => Condition::level(p)?,
-                None => Condition::parse(&condition, agents)?,
-            };
+        let cell = |(contender, text, imputer, returns): Played| {
+            let condition = condition(&text, Site { agents, tick })?;
             Ok(Cell { contender, condition, imputer, outcome: Outcome { returns, errors: Vec::new() } })
         };
         let episodes = cells.first().map_or(0, |cell| cell.3.len());
@@ -121,6 +127,12 @@ impl Evaluation {
         };
         py.detach(write).map_err(|error| raised(py, error))
     }
+}
+
+/// The condition of a cell: a level, such as `p=0.2`, or a text of links.
+fn condition(text: &str, site: Site) -> Result<Condition> {
+    let level = text.strip_prefix("p=").and_then(|p| p.parse().ok());
+    level.map_or_else(|| Condition::parse(text, site), Condition::level)
 }
 
 fn provenance(call: String) -> Provenance {

@@ -14,6 +14,9 @@ use crate::nn::{ActorKind, Dims, Networks, Policy};
 use crate::supervisor::{Decisions, Stage};
 use crate::{failed, usage};
 
+/// The most values in the joint estimates of a team: 256 MiB.
+const MOST_VALUES: usize = 1 << 26;
+
 /// A stage, and what its agents have.
 pub(super) struct Play {
     stage: Stage,
@@ -54,7 +57,7 @@ impl Play {
     /// Of so many worlds of one of our tasks. The imputers are those that this policy has, or the plain ones without.
     ///
     /// # Errors
-    /// `Usage` if links or imputer make no sense.
+    /// `Usage` if links, imputer or the number of worlds make no sense.
     pub(super) fn of_task(
         task: &Task,
         policy: Option<&PolicySource>,
@@ -62,6 +65,7 @@ impl Play {
         worlds: usize,
     ) -> Result<Play> {
         let spec = task.spec();
+        check_worlds(spec, worlds)?;
         let policy = policy.map_or_else(|| nobody(spec), |source| source.load(spec))?;
         let stage = Stage::new(task.environment(worlds), hearing.links(spec)?, 0);
         Play::assemble(stage, policy, hearing, worlds)
@@ -196,6 +200,15 @@ impl Play {
     pub(super) fn actions(&mut self) -> &mut [u32] {
         &mut self.decisions.actions
     }
+}
+
+/// An error unless there is room for what a team has in so many worlds.
+pub(super) fn check_worlds(spec: &Spec, worlds: usize) -> Result<()> {
+    let most = MOST_VALUES / (spec.n_agents() * spec.joint_dim().max(spec.n_actions())).max(1);
+    if (1..=most).contains(&worlds) {
+        return Ok(());
+    }
+    Err(usage!("num_envs is {worlds}, and {} can be played in 1 to {most} worlds at once", spec.id))
 }
 
 fn ears(

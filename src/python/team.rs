@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 
 use super::buffers::take;
 use super::errors::raised;
+use super::play::check_worlds;
 use crate::agent::{PolicySource, most_probable, sample};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
@@ -71,8 +72,9 @@ impl Team {
 
     /// An episode begins in each of `worlds` worlds, the first of this number. Their actions are drawn by it, as `spawn`
     /// draws them.
-    fn begin(&self, seed: u64, episode: u64, worlds: usize) -> PyResult<()> {
+    fn begin(&self, py: Python, seed: u64, episode: u64, worlds: usize) -> PyResult<()> {
         self.with(|actors| {
+            check_worlds(&actors.spec, worlds).map_err(|error| raised(py, error))?;
             (actors.seed, actors.episode, actors.worlds) = (seed, episode, worlds);
             let (joint, choices) = (actors.spec.joint_dim(), actors.spec.n_actions());
             for actor in &mut actors.actors {

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import vamaro_swarm
-from vamaro_swarm import load_policy, train
+from vamaro_swarm import load_policy, train, training
 
 PROGRAM = Path(sys.executable).with_name("vamaro-swarm")
 
@@ -26,6 +26,11 @@ def test_the_program_is_there():
     wrong = run("spawn", "--task", "nowhere")
     assert wrong.returncode == 2 and wrong.stderr.startswith("error: there is no task `nowhere`")
     assert run("nonsense").returncode == 2
+    twice = (
+        "from vamaro_swarm._native import main\nprint([main([what], ['python']) for what in ('tasks', 'doctor')][1])"
+    )
+    both = subprocess.run([sys.executable, "-c", twice], capture_output=True, text=True, timeout=120)
+    assert both.stdout.endswith("\n2\n") and "a process for each" in both.stderr, both.stderr
 
 
 def test_agents_are_processes_that_leave_nothing_behind():
@@ -61,3 +66,21 @@ def test_a_team_is_trained_and_played(tmp_path):
         train("hear-see", steps=600, out=tmp_path / "run", **small)
     with pytest.raises(ValueError, match="no setting"):
         train("hear-see", steps=600, out=tmp_path / "other", nonsense=1, quiet=True)
+
+
+def test_who_interrupts_a_training_hears_it_out(tmp_path, monkeypatch):
+    """More than a pipe has room for."""
+    program, ended = tmp_path / "program", tmp_path / "ended"
+    last_words = f"head -c 300000 /dev/zero >&2; touch {ended}; exit"
+    program.write_text(f"#!/bin/sh\ntrap '{last_words}' TERM\necho begun >&2\nwhile :; do sleep 0.05; done\n")
+    program.chmod(0o755)
+
+    class Interrupt:
+        def write(self, line):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "executable", str(program))
+    monkeypatch.setattr(sys, "stderr", Interrupt())
+    with pytest.raises(KeyboardInterrupt):
+        training._run(["train"], quiet=False)
+    assert ended.exists()

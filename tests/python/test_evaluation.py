@@ -56,6 +56,15 @@ def test_results_are_those_of_the_program(tmp_path):
     assert ours.marl_eval()["mappo p = 0.2"]["hear-see"]["hold"]["run_1"]["absolute_metrics"]["return"]
 
 
+def test_conditions_may_be_links_alone_and_imputers_go_by_names_of_their_own():
+    options = dict(levels=(), links=["delay 200ms"], episodes=4, baseline="mine")
+    for team in ("builtin", load_policy("builtin", "hear-see")):
+        rows = evaluate("hear-see", team, imputers={"mine": "hold", "zero": "zero"}, **options).to_pandas()
+        assert rows["imputer"].tolist() == ["mine", "zero"] and rows["condition"].nunique() == 1
+    ours = evaluate("hear-see", "builtin", imputers=["hold", "zero"], **{**options, "baseline": None}).to_pandas()
+    assert ours["mean"].tolist() == pytest.approx(rows["mean"].tolist(), rel=1e-12)
+
+
 def played_report(result, folder):
     page = result.report(folder)
     assert (folder / "results.json").exists() and (folder / "robustness.svg").exists()
@@ -110,6 +119,9 @@ def test_requests_that_make_no_sense_are_refused(drift):
     ]:
         with pytest.raises(ValueError, match=words):
             evaluate(drift, **{"episodes": 4, **options})
+    # Before anything is played.
+    with pytest.raises(ValueError, match="needs the length of a tick"):
+        evaluate(drift, lambda agent, seen: 1 / 0, links=["delay 200ms"], **LEVELS)
     with pytest.raises(ValueError, match="nearest is `hold`"):
         evaluate("hear-see", "builtin", imputers=["holt"])
     with pytest.raises(Error, match="still going on after 3 steps"):
@@ -123,3 +135,17 @@ def test_an_interrupt_ends_an_evaluation():
         evaluate("spread-xy-4", "builtin", episodes=100_000)
     # The next one is not interrupted any more.
     assert "hear-see" in evaluate("hear-see", "builtin", levels=(1, 0), episodes=2).table()
+
+
+def test_an_interrupt_leaves_the_work_of_other_threads_alone():
+    tables = []
+    options = dict(imputers=["hold"], levels=(1, 0))
+    work = lambda: tables.append(evaluate("hear-see", "builtin", episodes=400, **options).table())
+    other = threading.Thread(target=work)
+    other.start()
+    interrupt = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
+    interrupt.start()
+    with pytest.raises(KeyboardInterrupt):
+        evaluate("spread-xy-4", "builtin", episodes=100_000)
+    other.join()
+    assert "hear-see" in tables[0]

@@ -95,6 +95,13 @@ def test_velocity_moves_what_the_environment_says(drift):
             assert observed["right"][1] == speed_of
         with pytest.raises(ValueError, match=f"{imputer} must know .* drift does not say"):
             LossyLinks(drift(), imputer=imputer)
+    for wrong, words in [
+        ({**place(0), "rate": (7, 1)}, "value 7 of what left observes is a rate of change, and there are 2 values"),
+        (speed(2), "left observes a value about agent 2, and the team has 2"),
+    ]:
+        said["left"][0] = wrong
+        with pytest.raises(ValueError, match=words):
+            LossyLinks(telling(), imputer="velocity")
     said["left"].pop()
     with pytest.raises(AgentError, match=r"left: metadata\['values'\] has 1 values for it, but it sends 2"):
         LossyLinks(telling(), imputer="velocity")

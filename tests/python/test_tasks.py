@@ -203,6 +203,8 @@ def test_requests_that_make_no_sense_are_refused():
         (dict(task="hear-see", imputer="dynamics"), "no dynamics"),
         (dict(task="hear-see", policy="nowhere"), "there is no policy"),
         (dict(task="hear-see", imputer=lambda *_: 0, num_envs=2), "one world"),
+        (dict(task="hear-see", num_envs=0), "num_envs is 0"),
+        (dict(task="hear-see", num_envs=10**10), "hear-see can be played in 1 to"),
     ]:
         with pytest.raises(ValueError, match=words):
             parallel_env(**wrong)
@@ -211,3 +213,6 @@ def test_requests_that_make_no_sense_are_refused():
         env.step({})
     with pytest.raises(AgentError, match="nobody: is none of"):
         load_policy("builtin", "hear-see")("nobody", np.zeros(16))
+    for worlds in (0, 10**10):
+        with pytest.raises(ValueError, match=f"num_envs is {worlds}"):
+            load_policy("builtin", "hear-see").begin(num_envs=worlds)
