@@ -30,11 +30,15 @@ fn with_own_tmp(script: &str) -> Option<Output> {
 
 /// Runs a script of the shell as somebody else; `None`, and a word, where this user may not.
 fn as_somebody_else(script: &str) -> Option<Output> {
+    as_user(SOMEBODY_ELSE, script)
+}
+
+fn as_user(user: &str, script: &str) -> Option<Output> {
     if !rustix::process::geteuid().is_root() {
         eprintln!("skipped: only root can be somebody else");
         return None;
     }
-    let who = ["--reuid", SOMEBODY_ELSE, "--regid", SOMEBODY_ELSE, "--clear-groups", "sh", "-c", script];
+    let who = ["--reuid", user, "--regid", user, "--clear-groups", "sh", "-c", script];
     match Command::new("setpriv").args(who).env_remove("XDG_RUNTIME_DIR").output() {
         Ok(output) => Some(output),
         Err(_) => {
@@ -94,12 +98,14 @@ fn somebody_else_cannot_open_list_or_disturb_a_swarm() {
 
 #[test]
 fn too_few_processes_are_found_before_the_start() {
+    // Nobody else runs anything as this one.
+    const LONELY: &str = "65533";
     let folder = tempfile::tempdir().unwrap();
     fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o755)).unwrap();
     let program = folder.path().join("vamaro-swarm");
     fs::copy(PROGRAM, &program).unwrap();
     let with = |limit: u32, words: &str| {
-        as_somebody_else(&format!("exec prlimit --nproc={limit} {} {words}", program.display()))
+        as_user(LONELY, &format!("exec prlimit --nproc={limit} {} {words}", program.display()))
     };
     let spawn = "spawn --task hear-see --episodes 1";
     // The program itself is one.
@@ -112,7 +118,7 @@ fn too_few_processes_are_found_before_the_start() {
     let doctor = |limit| String::from_utf8(with(limit, "doctor").unwrap().stdout).unwrap();
     assert!(doctor(5).contains("a team of two needs 5"), "{}", doctor(5));
     assert!(doctor(60).contains("the largest team needs 129"), "{}", doctor(60));
-    as_somebody_else(&format!("rm -rf /tmp/vamaro-swarm-{SOMEBODY_ELSE}"));
+    as_user(LONELY, &format!("rm -rf /tmp/vamaro-swarm-{LONELY}"));
 }
 
 #[test]
