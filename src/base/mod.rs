@@ -5,6 +5,8 @@ pub mod error;
 pub(crate) mod faults;
 pub(crate) mod file;
 pub(crate) mod nearest;
+#[cfg(feature = "cli")]
+pub(crate) mod page;
 pub(crate) mod regular;
 pub mod rng;
 pub mod scheduling;

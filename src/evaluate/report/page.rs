@@ -1,10 +1,11 @@
 //! `report.html`: everything on one page, without links or scripts.
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 use super::group::{figure, group};
 use super::table::{Cell, Table, on_demand};
 use super::{Provenance, figures, findings, notes, words};
+use crate::base::page;
 use crate::evaluate::grouping::distinct;
 use crate::evaluate::{Aggregate, Claims, Condition, Settings, Summary};
 
@@ -24,28 +25,17 @@ pub fn page(summary: &Summary, provenance: &Provenance) -> String {
     let rest = rest.into_iter().flatten();
     let rest = rest.map(|(id, heading, content)| (id.to_owned(), heading.to_owned(), content));
     let sections: Vec<(String, String, Markup)> = groups.chain(rest).collect();
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (title) }
-                style { (PreEscaped(include_str!("page.css"))) }
+    let body = html! {
+        main {
+            h1 { (title) }
+            (opening(summary))
+            nav aria-label="Contents" {
+                ul { @for (id, heading, _) in &sections { li { a href={ "#" (id) } { (heading) } } } }
             }
-            body {
-                main {
-                    h1 { (title) }
-                    (opening(summary))
-                    nav aria-label="Contents" {
-                        ul { @for (id, heading, _) in &sections { li { a href={ "#" (id) } { (heading) } } } }
-                    }
-                    @for (id, heading, content) in &sections { h2 id=(id) { (heading) } (content) }
-                }
-            }
+            @for (id, heading, content) in &sections { h2 id=(id) { (heading) } (content) }
         }
     };
-    page.into_string() + "\n"
+    page::page(&title, include_str!("page.css"), &body)
 }
 
 /// What was found, then the figure.

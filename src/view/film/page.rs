@@ -1,10 +1,11 @@
 //! A page that plays episodes, for a browser. It needs no other file and no network.
 
 use glam::DVec2;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, PreEscaped, html};
 use serde_json::{Value, json};
 
 use super::{Arrived, Film, Take};
+use crate::base::page;
 
 /// Arrivals that are no age, as `docs/formats.md` has them.
 const LATE: u8 = 254;
@@ -21,37 +22,26 @@ pub(crate) fn page(films: &[Film], viewer: usize) -> String {
     let data = json!({"films": films.iter().map(|of| film(of, viewer)).collect::<Vec<_>>()}).to_string();
     // Nothing in it may end the script.
     let data = data.replace('<', "\\u003c");
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (title) }
-                style { (PreEscaped(include_str!("page.css"))) }
+    let body = html! {
+        main {
+            h1 { (title) }
+            div class={ "stages" @if films.len() == 1 { " one" } } {
+                @for (index, film) in films.iter().enumerate() { (stage(index, film)) }
             }
-            body {
-                main {
-                    h1 { (title) }
-                    div class={ "stages" @if films.len() == 1 { " one" } } {
-                        @for (index, film) in films.iter().enumerate() { (stage(index, film)) }
-                    }
-                    (controls(&films[0]))
-                    figure {
-                        canvas #curves role="img" aria-label="Return and imputation error, step by step" {}
-                        @if films.len() > 1 {
-                            figcaption { "Solid: " (films[0].name) ". Dashed: " (films[1].name) ". Drag to see another moment." }
-                        } @else { figcaption { "Drag to see another moment." } }
-                    }
-                    p.aside #said role="status" aria-live="polite" {}
-                    (legend(films))
-                }
-                script #data type="application/json" { (PreEscaped(data)) }
-                script { (PreEscaped(include_str!("page.js"))) }
+            (controls(&films[0]))
+            figure {
+                canvas #curves role="img" aria-label="Return and imputation error, step by step" {}
+                @if films.len() > 1 {
+                    figcaption { "Solid: " (films[0].name) ". Dashed: " (films[1].name) ". Drag to see another moment." }
+                } @else { figcaption { "Drag to see another moment." } }
             }
+            p.aside #said role="status" aria-live="polite" {}
+            (legend(films))
         }
+        script #data type="application/json" { (PreEscaped(data)) }
+        script { (PreEscaped(include_str!("page.js"))) }
     };
-    page.into_string() + "\n"
+    page::page(&title, include_str!("page.css"), &body)
 }
 
 fn stage(index: usize, film: &Film) -> Markup {
