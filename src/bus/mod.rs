@@ -11,10 +11,14 @@
 //! ```
 //!
 //! The supervisor reads observations along only to know when all of a tick are published. Swarms that play a
-//! frozen policy have no service for weights.
+//! frozen policy have no service for weights. Guests who watch a swarm have a service of their own, apart from these.
 
 mod clock;
 mod directory;
+#[cfg(feature = "view")]
+mod guests;
+#[cfg(feature = "view")]
+mod living;
 mod local;
 mod memory;
 mod message;
@@ -26,6 +30,10 @@ mod wait;
 pub(crate) use clock::{now_ns, wait_for_moment, wake_on_time};
 pub use directory::SwarmDirectory;
 pub(crate) use directory::{check_writable, is_tag, leftovers, place};
+#[cfg(feature = "view")]
+pub(crate) use guests::{Guest, Host, guests_memory_needed};
+#[cfg(feature = "view")]
+pub(crate) use living::{Living, have_others_swarms, living};
 pub(crate) use local::LocalHub;
 pub use local::{LocalPort, LocalSample};
 pub(crate) use memory::SharedMemory;
