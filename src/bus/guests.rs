@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::port::subscriber::SubscriberCreateError;
+use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ipc;
 use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::{PortFactory as _, publish_subscribe};
@@ -77,9 +77,10 @@ impl Host {
         self.service.dynamic_config().number_of_subscribers()
     }
 
-    /// Frees the places of dead guests.
-    pub(crate) fn clear_dead(&self) {
+    /// Frees the places of dead guests, and what was shared with those that have left.
+    pub(crate) fn tidy(&self) -> Result<()> {
         self.node.try_cleanup_dead_nodes();
+        self.publisher.update_connections().map_err(bus_error("part with guests"))
     }
 
     /// Shows a picture to all guests.

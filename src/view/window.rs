@@ -41,7 +41,7 @@ struct Opening {
 /// How often it looks for guests, and how long it waits for a tick before it looks whether they are still there.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// How many looks there are from one for dead guests to the next.
+/// After how many of them it tidies up while somebody watches.
 const LOOKS: u32 = 20;
 
 /// How long a window may take to open, or to close.
@@ -98,7 +98,7 @@ impl Drop for Window {
 /// Shows pictures as long as there is a camera and somebody looks.
 fn show(host: &Host, pictures: &Pictures, longest: usize) -> Result<()> {
     let (mut empty, mut bytes) = (Some(Box::<Scene>::default()), vec![0; longest]);
-    let (mut pause, mut looks) = (LOOK, 0);
+    let (mut pause, mut looks, mut was_watched) = (LOOK, 0, false);
     loop {
         match pictures.taken.recv_timeout(pause) {
             Ok(scene) => {
@@ -114,11 +114,11 @@ fn show(host: &Host, pictures: &Pictures, longest: usize) -> Result<()> {
                     let _ = pictures.wanted.try_send(scene);
                 }
                 looks += u32::from(is_watched);
-                if looks > LOOKS {
-                    host.clear_dead();
+                if looks > LOOKS || was_watched && !is_watched {
+                    host.tidy()?;
                     looks = 0;
                 }
-                pause = LOOK;
+                (pause, was_watched) = (LOOK, is_watched);
             }
             Err(RecvTimeoutError::Disconnected) => return Ok(()),
         }

@@ -66,6 +66,7 @@ fn all_of_a_swarm_is_for_its_owner_only() {
 #[test]
 fn somebody_else_cannot_open_list_or_disturb_a_swarm() {
     let mut swarm = Swarm::start("--agents 2 --p 0.5");
+    assert!(swarm.first_line().contains("2 agents"));
     let (tag, root) = (swarm.tag.clone(), root(&swarm.tag));
     let segments = shared_memory(&tag);
     assert!(segments.len() > 10);
@@ -90,7 +91,6 @@ fn somebody_else_cannot_open_list_or_disturb_a_swarm() {
     as_somebody_else(&format!("{} doctor --clean", program.display()));
     assert_eq!(shared_memory(&tag).len(), segments.len());
     assert!(root.exists());
-    assert!(swarm.first_line().contains("2 agents"));
     swarm.signal_supervisor(Signal::INT);
     let (code, _, stderr) = swarm.wait();
     assert_eq!(code, Some(130), "it played on: {stderr}");
