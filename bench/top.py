@@ -9,7 +9,6 @@ given, that one. Ratios are taken round by round, and each figure is a median ov
 import json
 import os
 import pty
-import signal
 import struct
 import subprocess
 import sys
@@ -48,27 +47,23 @@ def watch(program, process):
 
 
 def play(program, words, is_watched):
-    """The summary of a run. Who watches has come before the first tick: until then the swarm waits with its first line."""
-    if is_watched:
-        words = [word for word in words if word != "--json"]
+    """The summary of a run. Who watches comes as soon as that is possible, and stays."""
     swarm = subprocess.Popen([program, "spawn", *words, "--json"], stdout=subprocess.PIPE, text=True)
-    end = None
-    if is_watched:
-        await_sign(swarm.pid)
-        end = watch(program, swarm.pid)
+    end = watch(program, swarm.pid) if is_watched and can_be_watched(program, swarm) else None
     summary = json.loads(swarm.communicate()[0])
     if end:
         end()
     return summary
 
 
-def await_sign(process):
-    """Waits until a swarm can be watched."""
-    while True:
-        listed = subprocess.run([sys.argv[1], "top", str(process)], stdin=subprocess.DEVNULL, capture_output=True,
-                                text=True, start_new_session=True)
-        if "terminal" in listed.stderr:
-            return
+def can_be_watched(program, swarm):
+    """Waits until a swarm can be watched, or has ended: without a terminal, `top` finds it and complains of that."""
+    while swarm.poll() is None:
+        top = [program, "top", str(swarm.pid)]
+        found = subprocess.run(top, stdin=subprocess.DEVNULL, capture_output=True, text=True, start_new_session=True)
+        if "there is no terminal" in found.stderr:
+            return True
+    sys.exit("the swarm ended before it could be watched; give more --episodes")
 
 
 def main():
@@ -100,5 +95,4 @@ def main():
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
     main()

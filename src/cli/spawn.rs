@@ -217,9 +217,9 @@ impl Spawn {
             #[cfg(feature = "view")]
             live: self.view.then(|| Live::prepare("leave out --view")).transpose()?,
             #[cfg(feature = "view")]
-            window: if self.in_process { None } else { Window::prepare().ok() },
-            #[cfg(feature = "view")]
             films: Vec::new(),
+            #[cfg(feature = "view")]
+            window: if self.in_process { None } else { Window::prepare().ok() },
             recorder: match &self.record {
                 Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
                 None => None,
@@ -323,21 +323,23 @@ impl Spawn {
             bar.set_position(statistics.finished());
         });
         let mut audit = self.audit.then(Audit::default);
-        #[cfg(feature = "view")]
-        let mut camera;
-        #[cfg(feature = "view")]
-        let mut observers: Vec<&mut dyn Observer> = match onlookers.films {
-            films if films.is_empty() => vec![&mut ledger],
-            films => {
-                camera = Camera::new(&summary.settings.spec, &mut ledger, films);
-                vec![&mut camera]
-            }
+        let ended = {
+            #[cfg(feature = "view")]
+            let mut camera;
+            #[cfg(feature = "view")]
+            let mut observers: Vec<&mut dyn Observer> = match onlookers.films {
+                films if films.is_empty() => vec![&mut ledger],
+                films => {
+                    camera = Camera::new(&summary.settings.spec, &mut ledger, films);
+                    vec![&mut camera]
+                }
+            };
+            #[cfg(not(feature = "view"))]
+            let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
+            observers.extend(audit.as_mut().map(|audit| audit as &mut dyn Observer));
+            observers.extend(onlookers.recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
+            session.play(team, self.episodes, &mut observers)
         };
-        #[cfg(not(feature = "view"))]
-        let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
-        observers.extend(audit.as_mut().map(|audit| audit as &mut dyn Observer));
-        observers.extend(onlookers.recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
-        let ended = session.play(team, self.episodes, &mut observers);
         let statistics = ledger.into_statistics();
         bar.finish_and_clear();
         // The terminal is given back, and guests leave.
@@ -394,12 +396,12 @@ struct Played {
 struct Onlookers {
     #[cfg(feature = "view")]
     live: Option<Live>,
+    /// What there is to take pictures on. A window closes when nobody can take any more, so these go first.
+    #[cfg(feature = "view")]
+    films: Vec<Film>,
     /// Through which guests look.
     #[cfg(feature = "view")]
     window: Option<Window>,
-    /// What there is to take pictures on.
-    #[cfg(feature = "view")]
-    films: Vec<Film>,
     recorder: Option<Recorder>,
 }
 

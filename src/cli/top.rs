@@ -112,13 +112,13 @@ fn is_no_swarm(process: u32, shown: &[(&Living, Sign)]) -> Error {
         Ok(user) if user != own => usage!(
             "process {process} belongs to user {user}, and you are user {own}: a swarm can be watched by its own user only"
         ),
-        Ok(_) => usage!("process {process} runs no swarm that can be watched{}", instead(shown)),
+        Ok(_) => usage!("process {process} runs no swarm that can be watched, or not yet{}", instead(shown)),
     }
 }
 
 fn instead(shown: &[(&Living, Sign)]) -> String {
     match shown {
-        [] => ", and no other of yours does".to_owned(),
+        [] => "; nor does any other of yours".to_owned(),
         shown => format!("; these do:\n{}", listed(shown)),
     }
 }
