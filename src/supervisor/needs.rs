@@ -24,6 +24,9 @@ pub(super) fn share_weights(
     for_others: bool,
 ) -> Result<AgentSettings> {
     let mut settings = settings.clone();
+    if settings.policy == PolicySource::Nobody {
+        return Ok(settings);
+    }
     if for_others || settings.policy != PolicySource::Builtin || !policy.is_shared() {
         let path = directory.path().join("policy.safetensors");
         policy.save(&path)?;
