@@ -152,6 +152,12 @@ impl Policy {
         Ok(Policy { dynamics: self.dynamics.clone(), ..policy })
     }
 
+    /// This policy, of which that is said.
+    #[cfg(feature = "python")]
+    pub(crate) fn with_meta(self, meta: Meta) -> Policy {
+        Policy { meta, ..self }
+    }
+
     /// This policy with the dynamics of the environment that it is for.
     pub(crate) fn with_dynamics(self, dynamics: Dynamics) -> Policy {
         Policy { dynamics: Some(dynamics), ..self }
