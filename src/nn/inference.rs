@@ -64,6 +64,12 @@ impl Inference {
         self.inputs
     }
 
+    /// The same network where each row says whose it is: `acts` of [`step`](Inference::step) has the agent's id, if it sees
+    /// that.
+    pub(crate) fn by_row(&self) -> Inference {
+        Inference { id: None, ..self.clone() }
+    }
+
     /// One step of `rows` episodes: `state` advances, and `out` `[rows, outputs]` becomes what the network makes of
     /// `inputs` `[rows, inputs]`. A network that sees an agent's action has the number of that in `acts` `[rows]`; others do
     /// not look at it.
