@@ -10,6 +10,8 @@
 //!        +----------------- decisions -------------+
 //! ```
 //!
+//! An environment in another process has a line of its own (`line.rs`) to the supervisor.
+//!
 //! The supervisor reads observations along only to know when all of a tick are published. Swarms that play a
 //! frozen policy have no service for weights. Guests who watch a swarm have a service of their own, apart from these.
 
@@ -17,6 +19,7 @@ mod clock;
 mod directory;
 #[cfg(feature = "view")]
 mod guests;
+mod line;
 #[cfg(feature = "view")]
 mod living;
 mod local;
@@ -32,6 +35,7 @@ pub use directory::SwarmDirectory;
 pub(crate) use directory::{check_writable, is_tag, leftovers, place};
 #[cfg(feature = "view")]
 pub(crate) use guests::{Guest, Host, guests_memory_needed};
+pub(crate) use line::{Line, LineLayout, LineSettings, line_memory_needed, wake_supervisor_of_line};
 #[cfg(feature = "view")]
 pub(crate) use living::{Living, have_others_swarms, living};
 pub(crate) use local::LocalHub;
