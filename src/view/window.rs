@@ -45,8 +45,9 @@ const LOOK: Duration = Duration::from_millis(200);
 /// After how many of them it tidies up while somebody watches.
 const LOOKS: u32 = 20;
 
-/// How long a window may take to open, or to close.
-const LONGEST: Duration = Duration::from_secs(1);
+/// How long a window may take to open, or to close: far longer than it does, since a thread that comes to life after its swarm
+/// has been removed leaves something behind, for the next start to remove.
+const LONGEST: Duration = Duration::from_secs(10);
 
 impl Window {
     /// Starts the thread. One that is started later would be pinned and scheduled as the swarm is.
