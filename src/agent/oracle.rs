@@ -22,12 +22,14 @@ const MARK: &str = "+oracle:";
 pub enum Truth {
     /// That of the agent itself, whoever observes it.
     Own,
-    /// That of all other agents.
+    /// That of everybody else who moves: all other agents, and those who are not of the team.
     Others,
     /// That of no agent: landmarks, colours, and what somebody said.
     Constants,
     /// That of the agent with this number.
     Agent(usize),
+    /// That of those who move and are not of the team.
+    Targets,
 }
 
 impl Truth {
@@ -55,7 +57,8 @@ impl Truth {
         }
         let state = match self {
             Truth::Own => "an agent itself".to_owned(),
-            Truth::Others => "other agents".to_owned(),
+            Truth::Others => "other agents or targets".to_owned(),
+            Truth::Targets => "targets".to_owned(),
             Truth::Constants => "landmarks or messages".to_owned(),
             Truth::Agent(agent) => format!("agent {agent}, counted from 0"),
         };
@@ -78,6 +81,7 @@ impl Truth {
         match (self, about) {
             (Truth::Own, About::Agent(of)) => of == agent,
             (Truth::Others, About::Agent(of)) => of != agent,
+            (Truth::Others | Truth::Targets, About::Target(_)) => true,
             (Truth::Agent(one), About::Agent(of)) => of == one,
             (Truth::Constants, About::Landmark | About::Message) => true,
             _ => false,
@@ -85,13 +89,14 @@ impl Truth {
     }
 }
 
-/// `own`, `others`, `constants` or `agent:K`.
+/// `own`, `others`, `targets`, `constants` or `agent:K`.
 impl fmt::Display for Truth {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Truth::Own => f.write_str("own"),
             Truth::Others => f.write_str("others"),
             Truth::Constants => f.write_str("constants"),
+            Truth::Targets => f.write_str("targets"),
             Truth::Agent(agent) => write!(f, "agent:{agent}"),
         }
     }
@@ -108,9 +113,11 @@ impl FromStr for Truth {
 
     fn from_str(text: &str) -> std::result::Result<Truth, String> {
         let agent = text.strip_prefix("agent:").and_then(|agent| agent.parse().ok()).map(Truth::Agent);
-        let named = [Truth::Own, Truth::Others, Truth::Constants].into_iter().chain(agent);
+        let named = [Truth::Own, Truth::Others, Truth::Targets, Truth::Constants].into_iter().chain(agent);
         let mut named = named.filter(|truth| truth.to_string() == text);
-        named.next().ok_or_else(|| "expected own, others, constants or agent:K, such as agent:0".to_owned())
+        named
+            .next()
+            .ok_or_else(|| "expected own, others, targets, constants or agent:K, such as agent:0".to_owned())
     }
 }
 
@@ -158,7 +165,7 @@ mod tests {
 
     #[test]
     fn an_oracle_is_known_by_its_name_and_nobody_else_is_taken_for_one() {
-        for truth in [Truth::Own, Truth::Others, Truth::Constants, Truth::Agent(12)] {
+        for truth in [Truth::Own, Truth::Others, Truth::Targets, Truth::Constants, Truth::Agent(12)] {
             assert_eq!(Truth::split(&truth.oracle("maro")), ("maro", Some(truth)));
         }
         for name in ["maro", "maro+own", "own", "maro+oracle:", "maro+oracle:all", "maro+oracle:agent:+1"] {
