@@ -189,6 +189,12 @@ mod tests {
                 assert_eq!(own, Truth::Agent(agent).dims(spec, agent).collect::<Vec<_>>());
             }
         }
+        // In scout-3 the target is known to agent 0 alone, and agent 0 knows it without an oracle.
+        let spec = Task::parse("scout-3").unwrap().spec().clone();
+        let dims = |truth, agent| Oracle::new(truth, &spec, agent).unwrap().dims;
+        assert_eq!(dims(Truth::Targets, 2), [4, 5, 6, 7]);
+        assert_eq!(dims(Truth::Others, 2), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
+        assert!(dims(Truth::Targets, 0).is_empty());
         // Of spread-xy-2, agent 0 is seen along y by agent 1: place and velocity, first of each pair.
         let spec = Task::parse("spread-xy-2").unwrap().spec().clone();
         assert_eq!(Oracle::new(Truth::Own, &spec, 0).unwrap().dims, [4, 6]);
@@ -203,7 +209,8 @@ mod tests {
         assert!(of("hear-see", Truth::Constants).is_ok() && of("spread-xy-2", Truth::Constants).is_ok());
         for (task, truth, says) in [
             ("hear-see", Truth::Agent(2), "about agent 2, counted from 0"),
-            ("spread-blindfold-1", Truth::Others, "about other agents"),
+            ("spread-blindfold-1", Truth::Others, "about other agents or targets"),
+            ("rendezvous-3", Truth::Targets, "about targets"),
         ] {
             let error = of(task, truth).unwrap_err().to_string();
             assert!(error.contains(says) && error.contains(task), "{error}");

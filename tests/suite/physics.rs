@@ -51,7 +51,7 @@ fn a_recorded_swarm_is_the_same_anywhere_and_is_taken_back() {
         1,
         "motor noise and wind cannot be drawn again without `seed`",
     );
-    verify_with(&|trace| trace["physics"] = "wind=1".into(), 1, "physics has no `wind`");
+    verify_with(&|trace| trace["physics"] = "gravity=1".into(), 1, "physics has no `gravity`");
 }
 
 #[test]
