@@ -20,7 +20,7 @@ pub(super) const FAMILY: Family = Family {
 };
 
 /// How far a predator sees, m.
-const SIGHT: f64 = 0.5;
+const SIGHT: f64 = 0.8;
 
 /// Radius of predators, as in `simple_tag`, and of the prey, m.
 const SIZE: f64 = 0.075;
@@ -31,7 +31,7 @@ const OBSTACLE: f64 = 0.2;
 const OBSTACLES: usize = 2;
 
 /// Speed of the prey, m/s: predators reach 2 m/s, but cannot turn as fast.
-const SPEED: f64 = 0.8;
+const SPEED: f64 = 0.6;
 
 /// From how far away the prey flees predators, and keeps off walls and obstacles, m.
 const FEAR: f64 = 0.6;
@@ -165,11 +165,11 @@ mod tests {
 
     #[test]
     fn a_predator_sees_the_prey_only_if_it_is_near() {
-        let mut world = hunt([dvec2(0.0, 0.25), dvec2(0.0, 0.75)], dvec2(0.25, 0.25), AWAY);
+        let mut world = hunt([dvec2(0.0, 0.25), dvec2(0.0, 1.25)], dvec2(0.25, 0.25), AWAY);
         let mut seen = [f32::NAN; 26];
         world.observe(1, &mut seen).unwrap();
         assert_eq!(seen[..13], [0.0, 0.0, 0.0, 0.25, 1.0, 1.0, 0.0, 0.25, 0.25, 9.0, 9.0, -9.0, -9.0]);
-        assert_eq!(seen[13..], [0.0, 0.0, 0.0, 0.75, 0.0, 0.0, 0.0, 0.0, 0.0, 9.0, 9.0, -9.0, -9.0]);
+        assert_eq!(seen[13..], [0.0, 0.0, 0.0, 1.25, 0.0, 0.0, 0.0, 0.0, 0.0, 9.0, 9.0, -9.0, -9.0]);
     }
 
     #[test]
