@@ -8,6 +8,7 @@
 //! `f64`, what agents observe is `f32`. The rules are those of the reference environments, down to the last
 //! bits: `tests/suite/verify.rs` replays episodes recorded from them.
 
+mod description;
 mod family;
 mod hear_see;
 mod moment;
@@ -28,6 +29,7 @@ mod task;
 mod wind;
 mod worlds;
 
+pub use description::Description;
 pub use physics::{Body, Physics};
 pub use physics_spec::PhysicsSpec;
 pub use spec::{About, ActionSpace, AgentSpec, Axis, PaperSetting, Spec, TeamReward, Unit, Value};

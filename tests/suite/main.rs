@@ -17,6 +17,7 @@ mod early_ends;
 mod evaluate;
 mod foreign;
 mod help;
+mod hosted;
 mod imputers;
 mod links;
 mod lost_is_lost;
