@@ -29,7 +29,11 @@ pub(super) fn share_weights(
     }
     if for_others || settings.policy != PolicySource::Builtin || !policy.is_shared() {
         let path = directory.path().join("policy.safetensors");
-        policy.save(&path)?;
+        if for_others {
+            policy.save(&path)?
+        } else {
+            policy.save_copy(&path)?
+        }
         std::fs::set_permissions(&path, Permissions::from_mode(0o600))
             .map_err(|e| Error::io("keep others from", &path, e))?;
         settings.policy = PolicySource::Copy(path);
