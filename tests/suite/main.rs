@@ -37,6 +37,7 @@ mod train;
 mod verify;
 #[cfg(feature = "view")]
 mod view;
+mod worlds;
 
 /// Not a test: what the agents of swarms run that are of this binary.
 #[test]
