@@ -126,7 +126,7 @@ fn show(host: &Host, pictures: &Pictures, longest: usize) -> Result<()> {
     }
 }
 
-/// The most bytes of a picture of so many agents. One of an environment with more landmarks than that is not shown.
+/// The most bytes of a picture of so many agents. One of an environment with more landmarks and targets than that is not shown.
 fn longest_picture(agents: usize) -> usize {
     let far = DVec2::splat(f64::MAX);
     let ghost = Ghost { agent: agents, place: far, observers: [agents; 2], imputed: true };
@@ -138,6 +138,7 @@ fn longest_picture(agents: usize) -> usize {
         positions: vec![far; agents],
         trail: vec![far; TRAIL * agents],
         landmarks: vec![far; 64 + 2 * agents],
+        targets: vec![far; 64],
         goal: Some(usize::MAX),
         parts: vec![Part::Absent; agents],
         fates: vec![Fate::Delayed(u8::MAX); agents * agents],
