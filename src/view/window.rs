@@ -127,10 +127,7 @@ fn show(host: &Host, pictures: &Pictures, longest: usize) -> Result<()> {
     }
 }
 
-/// More landmarks and targets than there are, besides two landmarks for each agent.
-const MANY: usize = 64;
-
-/// The most bytes of a picture of so many agents. One that is larger all the same is not shown.
+/// The most bytes of a picture of so many agents. One of an environment with more landmarks and targets than that is not shown.
 fn longest_picture(agents: usize) -> usize {
     let far = DVec2::splat(f64::MAX);
     let ghost = Ghost { agent: agents, place: far, observers: [agents; 2], imputed: true };
@@ -141,8 +138,8 @@ fn longest_picture(agents: usize) -> usize {
         tick: count,
         positions: vec![far; agents],
         trail: vec![far; TRAIL * agents],
-        landmarks: vec![far; MANY + 2 * agents],
-        targets: vec![far; MANY],
+        landmarks: vec![far; 64 + 2 * agents],
+        targets: vec![far; 64],
         goal: Some(usize::MAX),
         parts: vec![Part::Absent; agents],
         fates: vec![Fate::Delayed(u8::MAX); agents * agents],
