@@ -1,7 +1,7 @@
 //! What a view knows of a swarm before its first tick.
 
-use super::places::Places;
 use crate::environment::Spec;
+use crate::environment::places::Places;
 
 /// What stays as it is.
 #[derive(Clone, Debug)]

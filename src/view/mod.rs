@@ -9,7 +9,6 @@
 //! The camera is on the swarm's side. All the rest is on a thread of its own, which nobody waits for.
 
 pub(crate) mod film;
-pub(crate) mod places;
 
 #[cfg(feature = "view")]
 mod camera;

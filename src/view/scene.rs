@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::places::Ghost;
+use crate::environment::places::Ghost;
 
 /// One world of a swarm at the moment when its agents have decided, and what was counted until then.
 #[derive(Clone, Debug, Default, PartialEq)]
