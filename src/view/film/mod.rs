@@ -1,5 +1,6 @@
 //! Recorded episodes as pictures: what there is to see in them, and the pages, films and frames that show it.
 
+mod evaluated;
 mod font;
 mod gif;
 mod page;
@@ -9,6 +10,7 @@ mod svg;
 
 use glam::DVec2;
 
+pub(crate) use evaluated::evaluated;
 pub(crate) use gif::gif;
 pub(crate) use page::page;
 pub(crate) use scene::Moment;
