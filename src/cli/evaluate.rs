@@ -22,6 +22,7 @@ use crate::link::{self, Site};
 use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
 use crate::usage;
+use crate::view::film;
 
 /// Measure how robust frozen policies are to failing links
 #[derive(Debug, Args)]
@@ -98,7 +99,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
 
-    /// Folder for report.html, figures, results.json, CSV and the finished cells; after an interruption the same
+    /// Folder for report.html, replays, figures, results.json, CSV and the finished cells; after an interruption the same
     /// command continues from these
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -196,7 +197,10 @@ impl Evaluate {
         let summary = Summary::of(&evaluation, baselines, threads(self.threads))?;
         let provenance = provenance();
         if let Some(folder) = &self.report {
-            report::write(folder, &evaluation, &summary, &provenance, self.paper)?;
+            let with_page = |replay| film::evaluated(&replay).map(|page| (replay, page));
+            let replays =
+                sweep.replays(&evaluation)?.into_iter().map(with_page).collect::<Result<Vec<_>>>()?;
+            report::write(folder, &evaluation, &summary, &replays, &provenance, self.paper)?;
         }
         if self.json {
             print(&report::results(&summary, &provenance))?;

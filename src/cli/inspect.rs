@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::{print, print_json, table};
+use super::{print, print_json, table, tell};
 use crate::base::error::Result;
 use crate::base::stats::mean;
 use crate::nn::{Input, Meta, PolicyFile, PredictorSpec, Sigma};
@@ -152,10 +152,10 @@ fn checkpoint(checkpoint: &Checkpoint) -> Content {
 }
 
 fn recording(path: &Path) -> Result<Content> {
-    let recording = Reader::open(path)?;
+    let mut recording = Reader::open(path)?;
     let (header, is_trace) = (recording.header.clone(), recording.is_trace());
     let (mut episodes, mut befell) = (Vec::new(), Befell::default());
-    for (number, episode) in (0..).zip(recording) {
+    for (number, episode) in (0..).zip(recording.by_ref()) {
         let episode = episode?;
         let of_this = Befell::of(&episode);
         befell = befell.and(&of_this);
@@ -166,6 +166,9 @@ fn recording(path: &Path) -> Result<Content> {
             delivery_rate: delivered_share(&episode),
             befell: of_this,
         });
+    }
+    if let Some(what) = recording.unfinished() {
+        tell(&format!("note: {}: {what}", path.display()));
     }
     let returns: Vec<f64> = episodes.iter().map(|episode| episode.episode_return).collect();
     let rows = episodes.iter().take(MOST_ROWS).map(|episode| {

@@ -167,8 +167,8 @@ pub struct Spawn {
     #[arg(long)]
     audit: bool,
 
-    /// Write a trace of all episodes, for `vamaro-swarm replay` and `verify`: JSON if the name ends in .json, else a compact
-    /// file, for long runs
+    /// Write a trace of all episodes, for `vamaro-swarm replay` and `verify`: JSON if the name ends in .json, MCAP for
+    /// Foxglove and others if it ends in .mcap, else a compact file, for long runs
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
 

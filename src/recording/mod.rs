@@ -1,4 +1,4 @@
-//! Recorded episodes, as JSON and in a compact format.
+//! Recorded episodes: as JSON, in a compact format, and as MCAP.
 //!
 //! A *recording* holds what a world did. A *trace* also holds what the agents saw and thought: who
 //! received whom, joint estimates and logits. `docs/formats.md` describes every field.
@@ -6,25 +6,29 @@
 mod compact;
 mod episode;
 mod file;
+mod layout;
+#[cfg(feature = "mcap")]
+mod mcap;
 mod reader;
 #[cfg(feature = "cli")]
 mod rerun;
+mod step;
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-pub(crate) use compact::MAGIC;
 pub use episode::{Action, Episode, Presence};
-pub(crate) use file::{RecordingFile, is_json};
-pub(crate) use reader::Reader;
+pub(crate) use file::{Format, RecordingFile};
+pub(crate) use reader::{Reader, has_magic};
 #[cfg(feature = "cli")]
 pub(crate) use rerun::Rerun;
+pub(crate) use step::{Arrived, Step, Steps};
 
 use crate::base::error::Result;
 use crate::environment::PhysicsSpec;
 
-/// The version of both formats, which a reader of this version knows.
+/// The version of all formats, which a reader of this version knows.
 pub const FORMAT_VERSION: u32 = 1;
 
 /// The most bytes a recording, or another file of JSON, may have.
@@ -93,7 +97,7 @@ pub struct RecordingHeader {
 }
 
 /// The versions that a file says it has, whatever else it says.
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 struct Versions {
     format_version: Option<u32>,
     version: Option<String>,
@@ -115,8 +119,8 @@ impl Versions {
 }
 
 impl Recording {
-    /// Reads a whole recording or trace, of either format. Of what is compact it tells what agents observed, but not what
-    /// they thought.
+    /// Reads a whole recording or trace, of any format. Of what is no JSON it tells what agents observed, but not what they
+    /// thought. Of an MCAP that was never finished it has the episodes that are whole.
     pub fn read(path: &Path) -> Result<Recording> {
         let reader = Reader::open(path)?;
         let header = reader.header.clone();

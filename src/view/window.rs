@@ -10,11 +10,11 @@ use postcard::ser_flavors::Size;
 use super::Facts;
 use super::camera::{RETURNS, TRAIL};
 use super::pictures::{Film, PICTURES, Pictures};
-use super::places::Ghost;
 use super::scene::{AgedGhost, Fate, Part, Scene, Totals};
 use super::sign::Sign;
 use crate::base::error::Result;
 use crate::bus::{Host, SwarmDirectory, guests_memory_needed};
+use crate::environment::places::Ghost;
 use crate::failed;
 
 /// A window that can be opened once. It closes when there is no camera any more; dropping it waits for that, so it goes after

@@ -21,6 +21,7 @@ mod hosted;
 mod imputers;
 mod links;
 mod lost_is_lost;
+mod mcap;
 mod parity;
 mod physics;
 mod plot;

@@ -13,7 +13,7 @@ use crate::bus::Wait;
 use crate::environment::{ActionSpace, Environment, Spec, Task};
 use crate::link::{CommunicationMatrix, LinkSpec, Site, complement};
 use crate::nn::{Policy, PolicyFile};
-use crate::recording::{FORMAT_VERSION, RecordingHeader, is_json};
+use crate::recording::{FORMAT_VERSION, Format, RecordingHeader};
 use crate::supervisor::{Deadlines, Hosted, Recorder};
 use crate::usage;
 
@@ -150,7 +150,7 @@ impl Spawn {
             seed: self.seed,
             worlds: self.active_worlds(),
             longest_delay: links.longest_delay(),
-            tell_logits: self.record.as_deref().is_some_and(is_json),
+            tell_logits: self.record.as_deref().map(Format::of) == Some(Format::Json),
         })
     }
 
