@@ -88,7 +88,8 @@ impl Storage {
         !matches!(self, Storage::Owned { .. })
     }
 
-    fn copy_of_bytes(bytes: &[u8]) -> Storage {
+    /// A copy of the values in `bytes`.
+    pub(super) fn copy_of_bytes(bytes: &[u8]) -> Storage {
         let mut lines = vec![Line::ZERO; bytes.len().div_ceil(Line::BYTES)];
         bytemuck::cast_slice_mut(&mut lines)[..bytes.len()].copy_from_slice(bytes);
         Storage::Owned { lines, len: bytes.len() / size_of::<f32>() }

@@ -20,6 +20,7 @@ mod help;
 mod imputers;
 mod links;
 mod lost_is_lost;
+mod onnx;
 mod parity;
 mod physics;
 mod plot;

@@ -6,7 +6,7 @@ use super::{Setup, Step};
 use crate::agent::choice::{most_probable, sample};
 use crate::base::rng::{Draws, Purpose};
 use crate::dynamics::Dynamics;
-use crate::nn::{Inference, NetworkState, Scratch};
+use crate::nn::{Actor, ActorState, Scratch};
 
 /// A teammate that acts on what the agent which imagines it believes: by its actor, with a state of its own.
 ///
@@ -14,10 +14,10 @@ use crate::nn::{Inference, NetworkState, Scratch};
 #[derive(Debug)]
 pub(super) struct Teammate {
     pub agent: usize,
-    actor: Inference,
+    actor: Actor,
     /// Where its weights are in those of the policy.
     weights: Range<usize>,
-    state: NetworkState,
+    state: ActorState,
     n_actions: usize,
     /// What its actor says, `[rows, n_actions]`.
     logits: Vec<f32>,
@@ -119,7 +119,10 @@ impl Teammate {
     pub(super) fn consider(&mut self, beliefs: &[f32], scratch: &mut Scratch, die: impl Fn(usize) -> f64) {
         let rows = beliefs.len() / self.actor.n_inputs();
         let logits = &mut self.logits[..rows * self.n_actions];
-        self.actor.step(rows, beliefs, &[], &mut self.state, scratch, logits);
+        if self.actor.step(rows, beliefs, &mut self.state, scratch, logits).is_err() {
+            // An ONNX actor that cannot say what it would do might do anything. If the teammate is as lost, it says so itself.
+            logits.fill(0.0);
+        }
         self.dice[..rows].iter_mut().enumerate().for_each(|(row, dice)| *dice = die(row));
     }
 

@@ -89,7 +89,7 @@ impl Spawn {
             policy,
             imputer: registry.choose(self.imputer.as_deref(), loaded)?,
             registry,
-            greedy: self.greedy,
+            greedy: self.greedy || loaded.is_greedy(),
             seed: self.seed,
             // More worlds than episodes would have nothing to do.
             worlds: u64::from(self.worlds).min(self.episodes) as usize,
@@ -115,7 +115,7 @@ impl Spawn {
             imputer: Some(settings.imputer.clone()),
             policy: Some(settings.policy.to_string()),
             seed: Some(self.seed),
-            greedy: Some(self.greedy),
+            greedy: Some(settings.greedy),
             links: Some(links.recorded_name()),
             matrix: links.matrix().map(CommunicationMatrix::to_rows),
             physics: self.physics,
