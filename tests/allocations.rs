@@ -98,7 +98,7 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         let (mut logits, mut out) = (vec![0.0; rows * dims.n_actions], vec![0.0; rows * 2 * dims.predicted]);
         let mut scratch = Scratch::default();
         let mut tick = || {
-            actor.step(rows, &inputs, &mut memory, &mut scratch, &mut logits).unwrap();
+            actor.step(rows, &inputs, &[], &mut memory, &mut scratch, &mut logits).unwrap();
             actor.prepare(rows, &mut memory);
             predictor.step(rows, &inputs, &[], &mut state, &mut scratch, &mut out);
         };

@@ -228,7 +228,7 @@ impl Agent {
         self.actions.resize(worlds * self.words, 0);
         let estimates = &self.estimates[..worlds * self.spec.joint_dim()];
         let logits = &mut self.logits[..worlds * self.n_said];
-        self.actor.step(worlds, estimates, &mut self.state, &mut self.scratch, logits)?;
+        self.actor.step(worlds, estimates, &[], &mut self.state, &mut self.scratch, logits)?;
         let space = &self.spec.agents[self.index].actions;
         let actions = self.actions.chunks_exact_mut(self.words);
         for ((said, draw), words) in logits.chunks_exact(self.n_said).zip(draws).zip(actions) {

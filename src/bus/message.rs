@@ -11,7 +11,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
 /// Version of the header and the layouts; a receiver refuses any other.
-pub const PROTOCOL: u32 = 7;
+pub const PROTOCOL: u32 = 8;
 
 /// The age of an observation that has not arrived. Every other age says how many ticks ago the observation that arrives
 /// now was made: 0 if at this tick.
@@ -33,6 +33,14 @@ pub enum Kind {
     Shutdown = 5,
     /// Supervisor to all agents: new values of the policy.
     Weights = 6,
+    /// Environment to supervisor: its [`Description`](crate::environment::Description), as JSON.
+    Describe = 7,
+    /// Supervisor to environment: begin an episode in a world.
+    Reset = 8,
+    /// Supervisor to environment: one step of all worlds.
+    Step = 9,
+    /// Environment to supervisor: where that led.
+    Outcome = 10,
 }
 
 /// Stands before every payload. Its name is the one by which other languages open the services.

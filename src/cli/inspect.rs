@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{print, print_json, table};
 use crate::base::error::Result;
 use crate::base::stats::mean;
-use crate::nn::{Input, OnnxSpec, PolicyFile, PredictorSpec, Said, Seen, Sigma};
+use crate::nn::{Input, Meta, OnnxSpec, PolicyFile, PredictorSpec, Said, Seen, Sigma};
 use crate::recording::{Episode, Presence, Reader};
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
@@ -71,7 +71,17 @@ impl Inspect {
 fn policy(path: &Path) -> Result<Content> {
     let file = PolicyFile::read(path)?;
     let (meta, networks) = (&file.meta, &file.networks);
-    let rows = file.tensors.iter().map(|tensor| {
+    // The actors of a fitted imputer are there because every policy file has some.
+    let is_imputer = meta.algorithm == Meta::IMPUTER;
+    let shown = || file.tensors.iter().filter(|tensor| !(is_imputer && tensor.name.starts_with("actors.")));
+    let actor = if is_imputer {
+        "none: the team acts elsewhere".to_owned()
+    } else {
+        let size = || format!("hidden {}", networks.hidden);
+        let about = file.onnx.as_ref().map_or_else(size, onnx_words);
+        format!("{}, {}, {about}", networks.actor, networks.sharing)
+    };
+    let rows = shown().map(|tensor| {
         vec![tensor.name.clone(), format!("{:?}", tensor.shape), tensor.n_values().to_string()]
     });
     let graphs = file
@@ -82,20 +92,18 @@ fn policy(path: &Path) -> Result<Content> {
     let predictors = networks.predictors.iter();
     let predictors: Vec<String> = predictors.map(predictor_words).collect();
     let text = format!(
-        "policy for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {}, \
-         {}, {}\npredictors  {}\ndynamics    {}\nparameters  {}\n\n{rows}",
+        "{} for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {actor}\n\
+         predictors  {}\ndynamics    {}\nparameters  {}\n\n{rows}",
+        if is_imputer { "imputer" } else { "policy" },
         meta.task,
         meta.algorithm,
         meta.steps,
         meta.seed,
         meta.origin,
         meta.program,
-        networks.actor,
-        networks.sharing,
-        file.onnx.as_ref().map_or_else(|| format!("hidden {}", networks.hidden), onnx_words),
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
         if file.dynamics.is_some() { "fitted" } else { "none" },
-        file.n_parameters()
+        shown().map(|tensor| tensor.n_values()).sum::<usize>()
     );
     let tensors = file.tensors.iter().map(|tensor| json!({"name": tensor.name, "shape": tensor.shape}));
     let mut json = json!({

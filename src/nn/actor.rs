@@ -33,8 +33,17 @@ impl Actor {
         }
     }
 
+    /// The same actor where each row says whose it is, if it is a network that agents share. See [`Inference::by_row`].
+    pub(crate) fn by_row(&self) -> Actor {
+        match &self.0 {
+            Kind::Network(network) => network.by_row().into(),
+            Kind::Onnx(_) => self.clone(),
+        }
+    }
+
     /// One step of `rows` episodes: `state` advances, and `out` `[rows, actions]` becomes the logits of what is seen in
-    /// `estimates` `[rows, joint]`.
+    /// `estimates` `[rows, joint]`. Where each row says [whose it is](Actor::by_row), `ids` `[rows]` has that; others do
+    /// not look at it.
     ///
     /// # Errors
     /// `Failed` if the graph of an ONNX file fails, or says something that is not finite; a network of ours never does.
@@ -45,13 +54,14 @@ impl Actor {
         &self,
         rows: usize,
         estimates: &[f32],
+        ids: &[usize],
         state: &mut ActorState,
         scratch: &mut Scratch,
         out: &mut [f32],
     ) -> Result<()> {
         match (&self.0, &mut state.0) {
             (Kind::Network(network), State::Network(state)) => {
-                network.step(rows, estimates, &[], state, scratch, out);
+                network.step(rows, estimates, ids, state, scratch, out);
                 Ok(())
             }
             (Kind::Onnx(actor), State::Onnx(state)) => actor.step(rows, estimates, state, out),

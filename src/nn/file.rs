@@ -54,12 +54,12 @@ pub struct FileTensor {
     pub(super) start: usize,
 }
 
-/// How values are stored. Networks always run on f32.
+/// How values are stored. Networks always calculate in f32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
     /// f32: mapped, and used where it is.
     Full,
-    /// f16: half the size, for keeping; converted when a policy is opened.
+    /// f16: half the size, for keeping; mapped, and used where it is or converted, depending on the machine.
     Half,
 }
 
@@ -86,6 +86,16 @@ impl PolicyFile {
     /// Whether it is not a policy file itself, but describes ONNX files.
     pub(crate) fn is_description(&self) -> bool {
         self.onnx.is_some() && self.graphs.is_empty()
+    }
+
+    /// How all its values are stored, if they are stored alike, and no ONNX files behind them.
+    pub(super) fn precision(&self) -> Option<Precision> {
+        if !self.graphs.is_empty() {
+            return None;
+        }
+        let mut precisions = self.tensors.iter().map(|tensor| tensor.precision);
+        let first = precisions.next()?;
+        precisions.all(|other| other == first).then_some(first)
     }
 
     /// The number of weights and biases.
@@ -127,12 +137,6 @@ impl PolicyFile {
         tensors.sort_by(|a, b| a.name.cmp(&b.name));
         graphs.sort_by(|(a, _), (b, _)| a.cmp(b));
         Ok(PolicyFile { meta, networks, dynamics, onnx, tensors, graphs, data: size_of::<u64>() + header })
-    }
-
-    /// Where the values of its tensors end, in bytes from the start of the file; ONNX files are behind them.
-    pub(super) fn end(&self) -> usize {
-        let end = |tensor: &FileTensor| tensor.start + tensor.n_values() * size_of::<f32>();
-        self.data + self.tensors.iter().map(end).max().unwrap_or(0)
     }
 
     /// The ONNX files among all its `bytes`, in the order of [`Networks::graph_names`].

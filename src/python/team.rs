@@ -115,7 +115,7 @@ impl Actors {
     fn act(&mut self, agent: usize) -> Result<Vec<u32>> {
         let Actors { spec, actors, scratch, greedy, seed, episode, worlds } = self;
         let Actor { network, state, step, estimates, logits } = &mut actors[agent];
-        network.step(*worlds, estimates, state, scratch, logits)?;
+        network.step(*worlds, estimates, &[], state, scratch, logits)?;
         network.prepare(*worlds, state);
         let available = spec.available_actions(agent);
         let choose = |(logits, episode): (&[f32], u64)| {

@@ -47,7 +47,7 @@ fn says_what_pytorch_says(policy: &Policy, case: &Value, name: &str) {
             for (step, estimate) in estimates.iter().enumerate() {
                 let mut logits = vec![f32::NAN; rows * n_actions];
                 let seen = [estimate.clone(), vec![0.5; (rows - 1) * estimate.len()]].concat();
-                actor.step(rows, &seen, &mut state, &mut scratch, &mut logits).unwrap();
+                actor.step(rows, &seen, &[], &mut state, &mut scratch, &mut logits).unwrap();
                 let expected = floats(&case["logits"][agent][step]);
                 for (found, expected) in logits.iter().zip(&expected) {
                     assert!(

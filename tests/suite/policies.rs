@@ -67,7 +67,7 @@ fn imported_networks_compute_what_they_did() {
                 let mut state = actor.state(1);
                 let mut logits = vec![0.0; dims.n_actions];
                 for (step, inputs) in inputs.iter().enumerate() {
-                    actor.step(1, inputs, &mut state, &mut scratch, &mut logits).unwrap();
+                    actor.step(1, inputs, &[], &mut state, &mut scratch, &mut logits).unwrap();
                     assert_close(&logits, &floats(&expected[name][agent][step]));
                 }
             }
@@ -157,7 +157,7 @@ fn the_documented_python_computes_the_same_logits() {
     let inputs: Vec<f32> = (0..joint).map(|at| -1.0 + 2.0 * at as f32 / (joint - 1) as f32).collect();
     let mut logits = vec![0.0; dims().n_actions];
     let actor = policy.actor(1);
-    actor.step(1, &inputs, &mut actor.state(1), &mut Scratch::default(), &mut logits).unwrap();
+    actor.step(1, &inputs, &[], &mut actor.state(1), &mut Scratch::default(), &mut logits).unwrap();
     let last = printed.lines().last().expect("the snippet prints the logits");
     let found: Vec<f32> = last.split(' ').map(|word| word.parse().unwrap()).collect();
     assert_close(&found, &logits);
