@@ -132,12 +132,10 @@ fn teams_play_the_same_episodes_as_ours_with_the_same_weights() {
             let words = format!(
                 "evaluate {policy} --episodes 4 --levels 1,0.3 --imputers hold,velocity,kalman,zero --greedy {place} --json"
             );
-            let evaluated = json(&words);
-            let cells = evaluated["cells"].as_array().unwrap();
-            cells.iter().map(|cell| cell["return_mean"].clone()).collect::<Vec<_>>()
+            json(&words)["groups"][0]["imputers"].clone()
         };
         let expected = cells(&ours, "--in-process");
-        assert_eq!(expected.len(), 8);
+        assert_eq!(expected.as_array().map(Vec::len), Some(4));
         assert_eq!(cells(&kept, "--in-process"), expected, "{name}");
         assert_eq!(cells(&kept, ""), expected, "{name}, as processes");
     }
@@ -180,10 +178,10 @@ fn agents_that_act_by_values_play_too() {
     let cells = |place: &str| {
         let words =
             format!("evaluate {} --episodes 3 --levels 0.5 --imputers hold {place} --json", path.display());
-        json(&words)["cells"][0]["return_mean"].clone()
+        json(&words)["groups"][0]["imputers"].clone()
     };
     let sampled = cells("");
-    assert!(sampled.is_number());
+    assert!(sampled.is_array());
     assert_eq!(cells("--in-process"), sampled);
     assert_ne!(cells("--in-process --greedy"), sampled);
     fail(&format!("fit {} --out {}", path.display(), folder.path().join("out").display()), 2, &["discrete"]);
@@ -214,7 +212,7 @@ fn what_does_not_fit_is_refused_with_what_to_do() {
     let listener =
         |more: &str| format!("task = 'speaker-listener'\nonnx = [{own:?}, {own:?}]\n[actor]\n{more}");
     refuse(&listener("input = 'own'"), 2, &["its input `h`", "`next_h`", "states"]);
-    refuse(&listener("states = { h = 'nothing' }"), 2, &["`h`", "`nothing`"]);
+    refuse(&listener("input = 'own'\nstates = { h = 'nothing' }"), 2, &["`h`", "`nothing`"]);
     refuse(
         &normal("{ mean = [1.0], std = [1.0] }").replace("normalise", "output = 'mean-log-std' #"),
         2,
@@ -229,7 +227,8 @@ fn what_does_not_fit_is_refused_with_what_to_do() {
     refuse(described, 1, &["graph.onnx"]);
     for operator in ["Conv", "Rexu"] {
         let mut other = std::fs::read(&mlp).unwrap();
-        let found = other.windows(4).position(|part| part == b"Relu").unwrap();
+        // The kind of a node is its field 4.
+        let found = 2 + other.windows(6).position(|part| part == b"\x22\x04Relu").unwrap();
         other[found..found + 4].copy_from_slice(operator.as_bytes());
         std::fs::write(at("graph.onnx"), other).unwrap();
         refuse(described, 2, &["the ONNX file", operator]);
@@ -277,7 +276,7 @@ fn damaged_files_are_errors() {
         std::fs::write(&path, format!("task = '{task}'\nonnx = 'graph.onnx'\n{about}")).unwrap();
         let bytes = std::fs::read(file(&format!("{name}.onnx"))).unwrap();
         let mut refused = 0;
-        for seed in 0..300_usize {
+        for seed in 0..60_usize {
             let mut damaged = bytes.clone();
             let at = |n: usize| {
                 (seed + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(7 * n as u32 + 3) % bytes.len()
@@ -291,6 +290,6 @@ fn damaged_files_are_errors() {
             std::fs::write(folder.path().join("graph.onnx"), &damaged).unwrap();
             refused += usize::from(Policy::open(&path, &dims).is_err());
         }
-        assert!((30..300).contains(&refused), "{name}: {refused}");
+        assert!((6..60).contains(&refused), "{name}: {refused}");
     }
 }

@@ -87,13 +87,6 @@ impl OnnxActor {
                 }
             });
         }
-        if let Some(missing) = spec
-            .states
-            .iter()
-            .find(|(name, next)| output(next).is_none() || !inputs.iter().any(|port| port.name == **name))
-        {
-            return Err(usage!("it has no state `{}` with the output `{}`", missing.0, missing.1));
-        }
         let width = width.ok_or_else(|| usage!("it has no input that sees anything"))?;
         let view = spec.view(agent, dims, width)?;
         let carries = |at: &usize| states.iter().any(|(output, _)| output == at);
