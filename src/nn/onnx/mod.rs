@@ -11,6 +11,8 @@ mod actor;
 #[cfg_attr(not(feature = "onnx"), path = "no_runtime.rs")]
 mod runtime;
 mod spec;
+#[cfg(any(feature = "onnx", test))]
+mod wire;
 
 pub(super) use actor::{OnnxActor, OnnxState};
 pub(super) use runtime::at_home;

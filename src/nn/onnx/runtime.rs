@@ -10,7 +10,7 @@ use rten::{
     ValueType, op_types,
 };
 
-use super::Port;
+use super::{Port, wire};
 
 /// A graph that can be run.
 pub(super) struct Runtime {
@@ -22,9 +22,7 @@ pub(super) struct Runtime {
 impl Runtime {
     /// The graph in the content of an ONNX file.
     pub fn load(bytes: Vec<u8>) -> Result<Runtime, String> {
-        if bytes.starts_with(b"RTEN") {
-            return Err("it is no ONNX file".to_owned());
-        }
+        wire::check(&bytes)?;
         let loaded = guarded(|| {
             ModelOptions::with_ops(operators()).load(bytes).map_err(|error| match error.kind() {
                 LoadErrorKind::ExternalDataError => {
