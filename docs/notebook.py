@@ -2,9 +2,9 @@
 # # A team of your own, over links that fail
 #
 # A team is trained with a small PPO on mpe2's `simple_reference_v3`, frozen, and played over lossy links. Then an imputer is
-# fitted to it, and all imputers are compared. Run it as a script (`python docs/notebook.py`, minutes), or cell by cell in an
-# editor that knows `# %%`. With `--short` it trains and plays just enough to see that all works; the results are those of the
-# team in `docs/notebook.npz`, which the whole script has trained.
+# fitted to it, and all imputers are compared. Run it as a script (`python docs/notebook.py`, some minutes), or cell by cell in
+# an editor that knows `# %%`. With `--short` it trains and plays just enough to see that all works; the numbers then say
+# nothing.
 
 # %%
 import sys
@@ -15,7 +15,6 @@ from mpe2 import simple_reference_v3
 from vamaro_swarm import LossyLinks, evaluate, fit_imputer
 
 SHORT = "--short" in sys.argv
-HERE = Path(__file__).parent if "__file__" in globals() else Path()
 OUT = Path("notebook")  # what is written goes here
 OUT.mkdir(exist_ok=True)
 
@@ -144,18 +143,6 @@ def learn(updates, seed=0, envs=32, epochs=8, rate=1e-3, discount=0.95, smooth=0
 
 # %%
 actors = learn(2 if SHORT else 600)
-if SHORT:
-    with np.load(HERE / "notebook.npz") as file:
-        for agent, actor in enumerate(actors):
-            actor.weights = [(file[f"{agent}.{n}.weight"], file[f"{agent}.{n}.bias"]) for n in range(3)]
-else:
-    named = {
-        f"{agent}.{n}.{name}": value.astype(np.float32)
-        for agent, actor in enumerate(actors)
-        for n, pair in enumerate(actor.weights)
-        for name, value in zip(("weight", "bias"), pair)
-    }
-    np.savez_compressed(OUT / "notebook.npz", **named)
 
 # %% [markdown]
 # ## The frozen team

@@ -134,3 +134,16 @@ pub fn paper_actor(spec: &Spec) -> ActorKind {
         PaperSetting::Two => ActorKind::Gru,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn built_in_policies_hold_numbers() {
+        for (id, _) in BUILTIN {
+            let task = crate::environment::Task::parse(id).unwrap();
+            PolicySource::Builtin.load(task.spec()).unwrap().checked(id).unwrap();
+        }
+    }
+}

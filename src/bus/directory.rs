@@ -1,7 +1,7 @@
 //! Where a swarm lives on this machine, and how everything of it goes away.
 //!
 //! A swarm has a tag of eight hex digits, a directory of that name in a [`Place`] for iceoryx2's sockets and
-//! bookkeeping, and shared memory named `vs_<tag>_..`. As long as its supervisor lives it holds a lock on the directory
+//! bookkeeping, and shared memory named `vs_<tag>_..`, that of its guests `vs_<tag>-..`. As long as its supervisor lives it holds a lock on the directory
 //! and one on the file `vs_<tag>_lock` in shared memory, so a swarm without a lock is dead. There are two because
 //! containers may share either place and not the other.
 
@@ -117,6 +117,11 @@ pub(super) fn prefix_of(tag: &str) -> String {
     format!("vs_{tag}_")
 }
 
+/// That of its guests, which is not the beginning of the swarm's either.
+pub(super) fn guests_prefix_of(tag: &str) -> String {
+    format!("vs_{tag}-")
+}
+
 /// Takes from others what iceoryx2 gives them: it lets every user count up its nodes, with us as with everybody.
 pub(super) fn keep_to_this_user(tag: &str) -> Result<()> {
     for path in shared_memory_of(tag) {
@@ -130,13 +135,13 @@ pub(super) fn keep_to_this_user(tag: &str) -> Result<()> {
 }
 
 /// The places of this user that are there, all locked, so that no swarm in the making is taken for dead.
-struct LockedPlaces {
+pub(super) struct LockedPlaces {
     places: Vec<Place>,
     _locks: Vec<File>,
 }
 
 impl LockedPlaces {
-    fn take() -> Result<LockedPlaces> {
+    pub(super) fn take() -> Result<LockedPlaces> {
         place().make()?;
         let mut places = place().and_others();
         // What is not ours in another place is nobody's swarm that we could clean up after.
@@ -148,11 +153,8 @@ impl LockedPlaces {
     }
 
     fn dead_swarms(&self) -> Result<Vec<Leftover>> {
-        let names = self.places.iter().flat_map(|place| names_in(place.path()));
-        let mut tags: BTreeSet<String> = names.filter(|name| is_tag(name)).collect();
-        tags.extend(tags_in_memory());
         let mut dead = Vec::new();
-        for tag in tags {
+        for tag in self.tags() {
             if self.is_alive(&tag)? {
                 continue;
             }
@@ -165,6 +167,13 @@ impl LockedPlaces {
         Ok(dead)
     }
 
+    /// The tags of all swarms of which there is anything.
+    pub(super) fn tags(&self) -> BTreeSet<String> {
+        let names = self.places.iter().flat_map(|place| names_in(place.path()));
+        let tags = names.filter(|name| is_tag(name));
+        tags.chain(tags_in_memory()).collect()
+    }
+
     /// One of the locks is enough.
     fn is_alive(&self, tag: &str) -> Result<bool> {
         for path in self.roots(tag).chain([lock_file_of(tag)]) {
@@ -175,7 +184,8 @@ impl LockedPlaces {
         Ok(false)
     }
 
-    fn roots(&self, tag: &str) -> impl Iterator<Item = PathBuf> {
+    /// Where its directory can be.
+    pub(super) fn roots(&self, tag: &str) -> impl Iterator<Item = PathBuf> {
         self.places.iter().map(move |place| place.path().join(tag))
     }
 
@@ -207,8 +217,13 @@ fn create_locked(path: &Path) -> rustix::io::Result<File> {
 pub(super) fn tags_in_memory() -> BTreeSet<String> {
     let names = names_in(Path::new(SHARED_MEMORY)).into_iter();
     let ours = |name: &String| is_ours(&Path::new(SHARED_MEMORY).join(name));
-    let tag = |name: String| Some(name.strip_prefix("vs_")?.split_once('_')?.0.to_owned());
-    names.filter(ours).filter_map(tag).filter(|tag| is_tag(tag)).collect()
+    names.filter(ours).filter_map(|name| tag_in(&name).map(str::to_owned)).collect()
+}
+
+/// The tag in the name of a swarm's shared memory.
+pub(super) fn tag_in(name: &str) -> Option<&str> {
+    let tag = name.strip_prefix("vs_")?.split_once(['_', '-'])?.0;
+    Some(tag).filter(|tag| is_tag(tag))
 }
 
 /// Whether a name can be the tag of a swarm.
@@ -216,15 +231,20 @@ pub(crate) fn is_tag(name: &str) -> bool {
     name.len() == TAG_DIGITS && name.bytes().all(|b| b.is_ascii_hexdigit())
 }
 
-fn names_in(directory: &Path) -> Vec<String> {
+pub(super) fn names_in(directory: &Path) -> Vec<String> {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     entries.filter_map(|entry| entry.file_name().into_string().ok()).collect()
 }
 
-/// The files of a swarm in shared memory.
+/// The files of a swarm in shared memory, those of its guests included.
 pub(super) fn shared_memory_of(tag: &str) -> Vec<PathBuf> {
+    [prefix_of(tag), guests_prefix_of(tag)].iter().flat_map(|prefix| named(prefix)).collect()
+}
+
+/// The files of this user in shared memory whose names begin with `prefix`.
+pub(super) fn named(prefix: &str) -> Vec<PathBuf> {
     let directory = Path::new(SHARED_MEMORY);
-    let names = names_in(directory).into_iter().filter(|name| name.starts_with(&prefix_of(tag)));
+    let names = names_in(directory).into_iter().filter(|name| name.starts_with(prefix));
     names.map(|name| directory.join(name)).filter(|path| is_ours(path)).collect()
 }
 

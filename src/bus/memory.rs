@@ -5,11 +5,12 @@
 //! takes no memory itself. Once all its segments are there they are filled with pages, and the promise is kept.
 
 use std::fs::File;
+use std::path::Path;
 
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
 use super::directory::{
-    SHARED_MEMORY, SwarmDirectory, bytes_of, lock_file_of, place, shared_memory_of, tags_in_memory,
+    SHARED_MEMORY, SwarmDirectory, bytes_of, lock_file_of, named, place, prefix_of, tags_in_memory,
 };
 use super::place::{Lock, locked};
 use crate::base::error::{Error, Result};
@@ -65,26 +66,38 @@ impl SwarmDirectory {
         Ok(Err(SharedMemory { promised: memory.promised - bytes, ..memory }))
     }
 
+    /// Has so many bytes promised besides what the swarm has taken, to be taken at any time in its life.
+    #[cfg(feature = "view")]
+    pub(crate) fn promise_more(&self, bytes: u64) -> Result<std::result::Result<(), SharedMemory>> {
+        self.promise(bytes_of(self.tag()) + bytes)
+    }
+
     /// Takes all pages of the swarm's segments, so that none can be missing later, and with that keeps the promise.
     pub(crate) fn take_pages(&self) -> Result<()> {
-        let lock_file = lock_file_of(self.tag());
-        for path in shared_memory_of(self.tag()).into_iter().filter(|path| *path != lock_file) {
-            let file = File::options().read(true).write(true).open(&path);
-            let file = file.map_err(|e| Error::io("open", &path, e))?;
-            let length = file.metadata().map_err(|e| Error::io("look at", &path, e))?.len();
-            fallocate(&file, FallocateFlags::empty(), 0, length.max(1)).map_err(|e| {
-                failed!(
-                    "shared memory ran out while the swarm started, since somebody else took it ({e}); see what \
-                     `vamaro-swarm doctor` finds"
-                )
-            })?;
-        }
+        take_pages_of(&prefix_of(self.tag()))?;
         self.set_promise(0)
     }
 
     fn set_promise(&self, bytes: u64) -> Result<()> {
         self.in_memory.set_len(bytes).map_err(|e| Error::io("write to", &lock_file_of(self.tag()), e))
     }
+}
+
+/// Takes all pages of the segments whose names begin with `prefix`.
+pub(super) fn take_pages_of(prefix: &str) -> Result<()> {
+    let lock_file = Path::new(SHARED_MEMORY).join(format!("{prefix}lock"));
+    for path in named(prefix).into_iter().filter(|path| *path != lock_file) {
+        let file = File::options().read(true).write(true).open(&path);
+        let file = file.map_err(|e| Error::io("open", &path, e))?;
+        let length = file.metadata().map_err(|e| Error::io("look at", &path, e))?.len();
+        fallocate(&file, FallocateFlags::empty(), 0, length.max(1)).map_err(|e| {
+            failed!(
+                "shared memory ran out while the swarm started, since somebody else took it ({e}); see what \
+                 `vamaro-swarm doctor` finds"
+            )
+        })?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

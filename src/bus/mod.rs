@@ -13,11 +13,15 @@
 //! An environment in another process has a line of its own (`line.rs`) to the supervisor.
 //!
 //! The supervisor reads observations along only to know when all of a tick are published. Swarms that play a
-//! frozen policy have no service for weights.
+//! frozen policy have no service for weights. Guests who watch a swarm have a service of their own, apart from these.
 
 mod clock;
 mod directory;
+#[cfg(feature = "view")]
+mod guests;
 mod line;
+#[cfg(feature = "view")]
+mod living;
 mod local;
 mod memory;
 mod message;
@@ -29,7 +33,11 @@ mod wait;
 pub(crate) use clock::{now_ns, wait_for_moment, wake_on_time};
 pub use directory::SwarmDirectory;
 pub(crate) use directory::{check_writable, is_tag, leftovers, place};
+#[cfg(feature = "view")]
+pub(crate) use guests::{Guest, Host, guests_memory_needed};
 pub(crate) use line::{Line, LineLayout, LineSettings, line_memory_needed, wake_supervisor_of_line};
+#[cfg(feature = "view")]
+pub(crate) use living::{Living, have_others_swarms, living};
 pub(crate) use local::LocalHub;
 pub use local::{LocalPort, LocalSample};
 pub(crate) use memory::SharedMemory;

@@ -238,24 +238,27 @@ pub(crate) fn node(tag: &str, role: Role) -> Result<Node<ipc::Service>> {
 
 /// The same, of any kind of service.
 pub(super) fn node_of<S: Service>(tag: &str, role: Role) -> Result<Node<S>> {
+    node_at(&root_of(tag), &prefix_of(tag), &format!("{role:?}"))
+}
+
+/// The same with this root and this prefix, under some name.
+pub(super) fn node_at<S: Service>(root: &std::path::Path, prefix: &str, name: &str) -> Result<Node<S>> {
     set_log_level_from_env_or(LogLevel::Fatal);
-    let name = format!("vamaro-swarm {role:?}");
+    let name = format!("vamaro-swarm {name}");
     NodeBuilder::new()
         .name(&name.as_str().try_into().map_err(bus_error("name the node"))?)
         .signal_handling_mode(SignalHandlingMode::Disabled)
-        .config(&config(tag)?)
+        .config(&config(root, prefix)?)
         .create()
         .map_err(bus_error("create a node"))
 }
 
 /// Built here and nowhere else: iceoryx2's global configuration reads files of the working directory.
-fn config(tag: &str) -> Result<Config> {
+fn config(root: &std::path::Path, prefix: &str) -> Result<Config> {
     let mut config = Config::default();
-    let root = root_of(tag);
     let root = Path::new(root.as_os_str().as_encoded_bytes()).map_err(bus_error("name its directory"))?;
     config.global.set_root_path(&root);
-    config.global.prefix =
-        FileName::new(prefix_of(tag).as_bytes()).map_err(bus_error("name its shared memory"))?;
+    config.global.prefix = FileName::new(prefix.as_bytes()).map_err(bus_error("name its shared memory"))?;
     // A swarm begins with nobody and its directory ends with everything: cleaning is for when an agent is started anew.
     config.global.node.cleanup_dead_nodes_on_creation = false;
     config.global.node.cleanup_dead_nodes_on_destruction = false;

@@ -18,6 +18,8 @@ mod requirement;
 mod spawn;
 mod summary;
 mod tasks;
+#[cfg(feature = "view")]
+mod top;
 mod train;
 mod verify;
 
@@ -66,6 +68,9 @@ requirement is not met, 130 interrupted.";
 enum Command {
     /// Start a swarm, play episodes, and report how the team did
     Spawn(spawn::Spawn),
+    /// Watch a swarm that is running, in the terminal
+    #[cfg(feature = "view")]
+    Top(top::Top),
     /// Train a team with MAPPO or IPPO, and predictors alongside it
     Train(Box<train::Train>),
     /// Measure how robust frozen policies are to failing links
@@ -149,6 +154,8 @@ impl Cli {
         say_what_ended()?;
         match self.command {
             Command::Spawn(command) => command.run(),
+            #[cfg(feature = "view")]
+            Command::Top(command) => command.run(),
             Command::Train(command) => command.run(),
             Command::Evaluate(command) => command.run(),
             Command::Tasks(command) => command.run(),

@@ -18,15 +18,19 @@ use crate::agent::AgentSettings;
 use crate::base::error::{Error, Result};
 use crate::base::scheduling::{Grants, Scheduling};
 use crate::base::threads::cores;
+#[cfg(feature = "view")]
+use crate::bus::SwarmDirectory;
 use crate::bus::Wait;
 use crate::environment::{Environment, PhysicsSpec};
 use crate::link;
+#[cfg(feature = "view")]
+use crate::supervisor::Control;
 use crate::supervisor::{
     AgentCommand, Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure,
     Processes, Recorder, Session, Statistics, Steered, Team, parse_duration, signals,
 };
 #[cfg(feature = "view")]
-use crate::view::{Camera, Facts, Live};
+use crate::view::{Camera, Facts, Film, Live, Window};
 use crate::{failed, usage};
 
 /// Start a swarm, play episodes, and report how the team did
@@ -219,9 +223,14 @@ impl Spawn {
                 "--chaos needs --worlds 1: an agent is one process for all worlds, and a kill would hit them all"
             ));
         }
-        let onlookers = Onlookers {
+        #[cfg_attr(not(feature = "view"), expect(unused_mut))]
+        let mut onlookers = Onlookers {
             #[cfg(feature = "view")]
-            live: self.view.then(Live::prepare).transpose()?,
+            live: self.view.then(|| Live::prepare("leave out --view")).transpose()?,
+            #[cfg(feature = "view")]
+            films: Vec::new(),
+            #[cfg(feature = "view")]
+            window: if self.in_process { None } else { Window::prepare().ok() },
             recorder: match &self.record {
                 Some(path) => Some(self.start_recording(path, &links, &settings, &policy)?),
                 None => None,
@@ -257,6 +266,8 @@ impl Spawn {
             if let Some(refused) = team.grants().and_then(Grants::refused) {
                 tell(&format!("note: {refused}"));
             }
+            #[cfg(feature = "view")]
+            onlookers.open_window(team.directory(), &self.facts(&summary));
             let played = self.play(&mut team, scene.environment, &summary, onlookers)?;
             (punctuality, faults) = (team.punctuality().cloned(), Some(team.faults().clone()));
             played
@@ -318,14 +329,12 @@ impl Spawn {
         }
         let bar = progress_bar(self.episodes);
         #[cfg(feature = "view")]
-        let (mut session, film) = match &mut onlookers.live {
-            Some(live) => {
-                bar.set_draw_target(ProgressDrawTarget::hidden());
-                let (film, control) = live.begin(self.facts(summary))?;
-                (session.steered_by(control), Some(film))
-            }
-            None => (session, None),
-        };
+        if let Some(live) = &mut onlookers.live {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+            let (commands, control) = Control::new();
+            onlookers.films.push(live.begin(self.facts(summary), commands)?);
+            session = session.steered_by(control);
+        }
         let mut ledger = Ledger::telling(|statistics| {
             if !bar.is_hidden() {
                 bar.set_message(progress_words(statistics));
@@ -333,26 +342,28 @@ impl Spawn {
             bar.set_position(statistics.finished());
         });
         let mut audit = self.audit.then(Audit::default);
-        #[cfg(feature = "view")]
-        let mut camera;
-        #[cfg(feature = "view")]
-        let mut observers: Vec<&mut dyn Observer> = match film {
-            Some(film) => {
-                camera = Camera::new(&summary.settings.spec, &mut ledger, film);
-                vec![&mut camera]
-            }
-            None => vec![&mut ledger],
+        let ended = {
+            #[cfg(feature = "view")]
+            let mut camera;
+            #[cfg(feature = "view")]
+            let mut observers: Vec<&mut dyn Observer> = match onlookers.films {
+                films if films.is_empty() => vec![&mut ledger],
+                films => {
+                    camera = Camera::new(&summary.settings.spec, &mut ledger, films);
+                    vec![&mut camera]
+                }
+            };
+            #[cfg(not(feature = "view"))]
+            let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
+            observers.extend(audit.as_mut().map(|audit| audit as &mut dyn Observer));
+            observers.extend(onlookers.recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
+            session.play(team, self.episodes, &mut observers)
         };
-        #[cfg(not(feature = "view"))]
-        let mut observers: Vec<&mut dyn Observer> = vec![&mut ledger];
-        observers.extend(audit.as_mut().map(|audit| audit as &mut dyn Observer));
-        observers.extend(onlookers.recorder.as_mut().map(|recorder| recorder as &mut dyn Observer));
-        let ended = session.play(team, self.episodes, &mut observers);
         let statistics = ledger.into_statistics();
         bar.finish_and_clear();
-        // The terminal is given back.
+        // The terminal is given back, and guests leave.
         #[cfg(feature = "view")]
-        drop(onlookers.live);
+        drop((onlookers.live, onlookers.window));
         let played = statistics.finished();
         let steered = session.steered().cloned();
         let ended = match ended {
@@ -404,7 +415,25 @@ struct Played {
 struct Onlookers {
     #[cfg(feature = "view")]
     live: Option<Live>,
+    /// What there is to take pictures on. A window closes when nobody can take any more, so these go first.
+    #[cfg(feature = "view")]
+    films: Vec<Film>,
+    /// Through which guests look.
+    #[cfg(feature = "view")]
+    window: Option<Window>,
     recorder: Option<Recorder>,
+}
+
+#[cfg(feature = "view")]
+impl Onlookers {
+    /// Lets guests look on, if that can be.
+    fn open_window(&mut self, swarm: &SwarmDirectory, facts: &Facts) {
+        match self.window.as_mut().map(|window| window.open(swarm, facts)) {
+            Some(Ok(film)) => self.films.push(film),
+            Some(Err(e)) => tell(&format!("note: nobody can watch this swarm with `top`: {e}")),
+            None => {}
+        }
+    }
 }
 
 /// Reads a time such as `1s` or `500ms`.

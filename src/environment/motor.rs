@@ -21,12 +21,19 @@ impl Motors {
 
     /// Adds the errors of a step to the forces of all agents, whatever these are. The draws of agent i are those of
     /// ([`Purpose::Motor`], episode, step, receiver i).
+    #[inline]
     pub(super) fn shake(&self, moment: Moment, forces: &mut [DVec2]) {
         if self.std > 0.0 {
-            let mut draws = moment.draws(Purpose::Motor);
-            for (agent, force) in forces.iter_mut().enumerate() {
-                *force += self.std * draws.at(agent, 0).normal();
-            }
+            self.add_errors(moment, forces);
+        }
+    }
+
+    /// Apart, so that a step without noise stays small.
+    #[cold]
+    fn add_errors(&self, moment: Moment, forces: &mut [DVec2]) {
+        let mut draws = moment.draws(Purpose::Motor);
+        for (agent, force) in forces.iter_mut().enumerate() {
+            *force += self.std * draws.at(agent, 0).normal();
         }
     }
 }

@@ -111,9 +111,15 @@ impl<R: Rules> PointMass<R> {
     fn integrate(&mut self) {
         self.physics.integrate(&self.forces, &mut self.plane.velocities, &mut self.plane.positions);
         if !self.plane.targets.is_empty() {
-            R::move_targets(&mut self.plane, &self.physics, &mut self.moment.draws(Purpose::Turn));
+            self.move_targets();
         }
         self.moment.pass();
+    }
+
+    /// Apart, so that a step without targets stays small.
+    #[inline(never)]
+    fn move_targets(&mut self) {
+        R::move_targets(&mut self.plane, &self.physics, &mut self.moment.draws(Purpose::Turn));
     }
 }
 

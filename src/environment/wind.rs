@@ -35,12 +35,19 @@ impl Wind {
 
     /// Adds its force to those on all agents, then changes. What it is in the next step is drawn at the address of
     /// ([`Purpose::Wind`], episode, step): its change behind where it begins.
+    #[inline]
     pub(super) fn blow(&mut self, moment: Moment, forces: &mut [DVec2]) {
         if self.std > 0.0 {
-            forces.iter_mut().for_each(|force| *force += self.std * self.now);
-            let change = moment.draws(Purpose::Wind).at(1, 0).normal();
-            self.now = self.keep * self.now + (1.0 - self.keep * self.keep).sqrt() * change;
+            self.push(moment, forces);
         }
+    }
+
+    /// Apart, so that a step without wind stays small.
+    #[cold]
+    fn push(&mut self, moment: Moment, forces: &mut [DVec2]) {
+        forces.iter_mut().for_each(|force| *force += self.std * self.now);
+        let change = moment.draws(Purpose::Wind).at(1, 0).normal();
+        self.now = self.keep * self.now + (1.0 - self.keep * self.keep).sqrt() * change;
     }
 }
 

@@ -42,7 +42,7 @@ impl Actor {
     }
 
     /// One step of `rows` episodes: `state` advances, and `out` `[rows, actions]` becomes the logits of what is seen in
-    /// `estimates` `[rows, joint]`. Where each row says [whose it is](Actor::by_row), `ids` `[rows]` has that; others do
+    /// `estimates` `[rows, joint]`. Where each row says whose it is, `ids` `[rows]` has that; others do
     /// not look at it.
     ///
     /// # Errors

@@ -104,15 +104,15 @@ impl Inference {
                 Layer::Gru(_) => {
                     state.look_ahead(rows, tensors);
                     let [w_ih, _, b_ih, _] = each(tensors);
-                    product(rows, x, w_ih, Start::Bias(b_ih.values()), part);
+                    product(rows, x, w_ih, 0, Start::Bias(b_ih.values()), part);
                     kernels::gru_gates(rows, part, &state.second, &mut state.hidden);
                     state.is_ahead = false;
                     &state.hidden
                 }
                 Layer::Lstm(_) => {
                     let [w_ih, w_hh, b_ih, b_hh] = each(tensors);
-                    product(rows, x, w_ih, Start::Bias(b_ih.values()), part);
-                    product(rows, &state.hidden, w_hh, Start::Output, part);
+                    product(rows, x, w_ih, 0, Start::Bias(b_ih.values()), part);
+                    product(rows, &state.hidden, w_hh, 0, Start::Output, part);
                     kernels::lstm_gates(rows, part, b_hh.values(), &mut state.hidden, &mut state.second);
                     &state.hidden
                 }
@@ -130,13 +130,13 @@ impl Inference {
     fn linear(&self, rows: usize, x: &[f32], acts: &[usize], weighted: &Weighted, y: &mut [f32]) {
         let Weighted { tensors, seen, .. } = weighted;
         let start = tensors.get(1).map_or(Start::Output, |bias| Start::Bias(bias.values()));
-        product(rows, x, &tensors[0], start, y);
+        product(rows, x, &tensors[0], 0, start, y);
         if *seen < tensors[0].len() {
-            let (of_ones, outputs) = (&tensors[0].values()[*seen..], y.len() / rows);
+            let outputs = y.len() / rows;
             assert!(self.id.is_some() || acts.len() == rows, "every row has its act");
             for (row, y) in y.chunks_exact_mut(outputs).enumerate() {
                 let one = self.id.unwrap_or_else(|| acts[row]);
-                kernels::add(&of_ones[one * outputs..][..outputs], y);
+                product(1, &[1.0], &tensors[0], seen + one * outputs, Start::Output, y);
             }
         }
     }
@@ -212,7 +212,7 @@ impl CellState {
     fn look_ahead(&mut self, rows: usize, tensors: &[Tensor]) {
         if !self.is_ahead {
             let [_, w_hh, _, b_hh] = each(tensors);
-            product(rows, &self.hidden, w_hh, Start::Bias(b_hh.values()), &mut self.second);
+            product(rows, &self.hidden, w_hh, 0, Start::Bias(b_hh.values()), &mut self.second);
             self.is_ahead = true;
         }
     }
@@ -233,18 +233,20 @@ fn each<const N: usize>(tensors: &[Tensor]) -> [&Tensor; N] {
     std::array::from_fn(|at| &tensors[at])
 }
 
-/// Rows from which on a product is more about arithmetic than about reading its weight.
-const MANY: usize = 4;
+/// Whether steps of so many rows run on f16 as it is. With more, a product is about arithmetic, not about reading its weight.
+pub(super) fn run_on_halves(rows: usize) -> bool {
+    rows < 4 && kernels::take_halves()
+}
 
-/// `y = x @ weight + start`, of the rows of the weight that meet `x`. Of few rows it reads f16 where the weight is that:
-/// half as much, and the same bits.
-fn product(rows: usize, x: &[f32], weight: &Tensor, start: Start, y: &mut [f32]) {
-    let size = if rows == 0 { 0 } else { x.len() / rows * (y.len() / rows) };
+/// `y = x @ weight + start`, of that part of the weight which begins `from` there and meets `x`. Of few rows it reads f16
+/// where the weight is that: half as much, and the same bits.
+fn product(rows: usize, x: &[f32], weight: &Tensor, from: usize, start: Start, y: &mut [f32]) {
+    let part = from..from + if rows == 0 { 0 } else { x.len() / rows * (y.len() / rows) };
     match weight.halves() {
-        Some(halves) if rows < MANY && kernels::take_halves() => {
-            kernels::linear_of_halves(rows, x, &halves[..size], start, y);
+        Some(halves) if run_on_halves(rows) => {
+            kernels::linear_of_halves(rows, x, &halves[part], start, y);
         }
-        _ => kernels::linear(rows, x, &weight.values()[..size], start, y),
+        _ => kernels::linear(rows, x, &weight.values()[part], start, y),
     }
 }
 

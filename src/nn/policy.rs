@@ -2,8 +2,7 @@
 
 use super::actor::Actor;
 use super::file::{self, About, PolicyFile, Precision};
-use super::inference::Inference;
-use super::kernels;
+use super::inference::{Inference, run_on_halves};
 use super::meta::Meta;
 use super::network::{Network, TensorSpec};
 use super::networks::{ActorKind, Networks, Sharing};
@@ -77,18 +76,19 @@ impl Policy {
     }
 
     /// The policy in a file that is part of the program. The bytes are used where they are if they are
-    /// [`Aligned`](super::Aligned), and else copied.
+    /// [`Aligned`](super::Aligned), and else copied. The values are not looked at, so that only those of networks that run
+    /// are read.
     ///
     /// # Errors
-    /// As [`Policy::open`].
+    /// As [`Policy::open`], except that values that are not finite go unnoticed.
     pub(crate) fn from_static(bytes: &'static [u8], dims: &Dims) -> Result<Policy> {
         let source = "the embedded policy";
         let file = PolicyFile::parse(bytes, source)?;
         let Some(precision) = file.precision() else {
-            return Policy::converted(file, bytes, dims, source)?.checked(source);
+            return Policy::converted(file, bytes, dims, source);
         };
         let storage = Storage::from_static(&bytes[file.data..], precision);
-        Policy::from_file(file, storage, None, dims, source)?.checked(source)
+        Policy::from_file(file, storage, None, dims, source)
     }
 
     /// A policy that has learned nothing: PyTorch's default initialisation, [drawn](TensorSpec::untrained)
@@ -220,7 +220,13 @@ impl Policy {
     }
 
     fn write(&self, path: &Path, precision: Precision) -> Result<()> {
-        let tensors = self.tensors().map(|(spec, tensor)| (&spec.name[..], &spec.shape[..], tensor.values()));
+        let mut values = vec![0.0; self.n_values()];
+        self.copy_values(&mut values);
+        let mut rest = &values[..];
+        let tensors = self.tensors().map(|(spec, tensor)| {
+            let values = rest.split_off(..tensor.len()).expect("there are values for every tensor");
+            (&spec.name[..], &spec.shape[..], values)
+        });
         let about = About {
             meta: &self.meta,
             networks: &self.networks,
@@ -232,20 +238,21 @@ impl Policy {
         file::write(path, &about, precision, tensors, &graphs)
     }
 
-    /// As [`save`](Policy::save), for processes that run it on this machine: as f16 if it is, and networks run on that.
+    /// As [`save`](Policy::save), for processes of this machine that run steps of so many rows: as f16 if it is, and they
+    /// run on that.
     ///
     /// # Errors
     /// `Failed` if it cannot be written.
-    pub(crate) fn save_copy(&self, path: &Path) -> Result<()> {
+    pub(crate) fn save_copy(&self, path: &Path, rows: usize) -> Result<()> {
         let is_half = self.tensors.iter().all(|(_, tensor)| tensor.halves().is_some());
-        let precision = if is_half && kernels::take_halves() { Precision::Half } else { Precision::Full };
+        let precision = if is_half && run_on_halves(rows) { Precision::Half } else { Precision::Full };
         self.write(path, precision)
     }
 
-    /// Whether its weights are in memory once for all processes that run it: mapped, or part of the program, and not to be
-    /// converted.
-    pub(crate) fn is_shared(&self) -> bool {
-        let in_place = |tensor: &Tensor| kernels::take_halves() || tensor.halves().is_none();
+    /// Whether its weights are in memory once for all processes that run steps of so many rows: mapped, or part of the
+    /// program, and not to be converted.
+    pub(crate) fn is_shared(&self, rows: usize) -> bool {
+        let in_place = |tensor: &Tensor| run_on_halves(rows) || tensor.halves().is_none();
         self.tensors.iter().all(|(_, tensor)| tensor.storage.is_shared() && in_place(tensor))
     }
 
@@ -322,8 +329,8 @@ impl Policy {
     pub fn copy_values(&self, mut out: &mut [f32]) {
         assert_eq!(out.len(), self.n_values(), "copy_values: wrong length");
         for (_, tensor) in &self.tensors {
-            let (front, rest) = out.split_at_mut(tensor.values().len());
-            front.copy_from_slice(tensor.values());
+            let (front, rest) = out.split_at_mut(tensor.len());
+            tensor.copy_to(front);
             out = rest;
         }
     }
@@ -404,7 +411,7 @@ impl Policy {
     }
 
     /// This policy, unless one of its values is not finite.
-    fn checked(self, source: &str) -> Result<Policy> {
+    pub(crate) fn checked(self, source: &str) -> Result<Policy> {
         for (spec, tensor) in self.tensors() {
             if let Some((at, value)) = tensor.find_not_finite() {
                 return Err(failed!(

@@ -48,15 +48,20 @@ impl Tensor {
         is_half.then(|| &bytemuck::cast_slice(self.storage.bytes())[self.range.clone()])
     }
 
+    /// Copies the values, converted if they are stored as f16.
+    pub(super) fn copy_to(&self, out: &mut [f32]) {
+        match self.halves() {
+            None => out.copy_from_slice(self.values()),
+            Some(halves) => widen(halves).zip(out).for_each(|(value, out)| *out = value),
+        }
+    }
+
     /// Where the first value is that is not finite, and the value.
     pub(super) fn find_not_finite(&self) -> Option<(usize, f32)> {
         let not_finite = |(_, value): &(usize, f32)| !value.is_finite();
         match self.halves() {
             None => self.values().iter().copied().enumerate().find(not_finite),
-            Some(halves) => {
-                let values = halves.iter().map(|bits| f16::from_bits(*bits).to_f32());
-                values.enumerate().find(not_finite)
-            }
+            Some(halves) => widen(halves).enumerate().find(not_finite),
         }
     }
 
@@ -65,7 +70,9 @@ impl Tensor {
     pub(super) fn renew(&mut self, values: &mut &[f32]) {
         let new = values.split_off(..self.range.len()).expect("there are values for every tensor");
         match Arc::get_mut(&mut self.storage) {
-            Some(Storage::Owned { lines, bytes }) if *bytes == size_of_val(new) => {
+            Some(Storage::Owned { lines, bytes })
+                if self.precision == Precision::Full && *bytes == size_of_val(new) =>
+            {
                 bytemuck::cast_slice_mut(lines)[self.range.clone()].copy_from_slice(new);
             }
             _ => {
@@ -128,7 +135,7 @@ impl Storage {
 
     /// These values of f16 as f32.
     fn widened(halves: &[u16]) -> Storage {
-        let values: Vec<f32> = halves.iter().map(|bits| f16::from_bits(*bits).to_f32()).collect();
+        let values: Vec<f32> = widen(halves).collect();
         Storage::copy(std::iter::once(&values[..])).0
     }
 
@@ -139,6 +146,11 @@ impl Storage {
             Storage::Static(bytes) => bytes,
         }
     }
+}
+
+/// The values of these f16.
+fn widen(halves: &[u16]) -> impl Iterator<Item = f32> {
+    halves.iter().map(|bits| f16::from_bits(*bits).to_f32())
 }
 
 impl Precision {

@@ -27,12 +27,12 @@ pub(super) fn share_weights(
     if settings.policy == PolicySource::Nobody {
         return Ok(settings);
     }
-    if for_others || settings.policy != PolicySource::Builtin || !policy.is_shared() {
+    if for_others || settings.policy != PolicySource::Builtin || !policy.is_shared(settings.worlds) {
         let path = directory.path().join("policy.safetensors");
         if for_others {
             policy.save(&path)?
         } else {
-            policy.save_copy(&path)?
+            policy.save_copy(&path, settings.worlds)?
         }
         std::fs::set_permissions(&path, Permissions::from_mode(0o600))
             .map_err(|e| Error::io("keep others from", &path, e))?;

@@ -186,6 +186,12 @@ impl Processes {
         self.agents.ids()
     }
 
+    /// Where the swarm is on this machine.
+    #[cfg(feature = "view")]
+    pub(crate) fn directory(&self) -> &SwarmDirectory {
+        &self.directory
+    }
+
     /// How well a swarm in real time keeps to its clock; `None` in lockstep.
     pub fn punctuality(&self) -> Option<&Punctuality> {
         self.clock.as_ref().map(|clock| &clock.punctuality)

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use crossbeam::channel::{Receiver, Sender, bounded};
 use glam::DVec2;
 
+use super::pictures::Film;
 use super::places::Places;
 use super::scene::{AgedGhost, Fate, Part, Scene, Totals};
 use crate::base::error::Result;
@@ -14,29 +14,14 @@ use crate::supervisor::{Decisions, Ledger, Observer, Stage, Statistics, Tick};
 
 /// Looks at the first world, and keeps the ledger of all of them.
 ///
-/// Whoever draws hands in an empty [`Scene`] and gets it back filled, at the next tick. A tick for which nobody has handed
-/// in any costs little: what a picture needs of the past is kept, nothing else. So slow drawing drops pictures, not ticks.
+/// Whoever looks hands in an empty [`Scene`] and gets it back filled, at the next tick. A tick for which nobody has handed
+/// in any costs little: what a picture needs of the past is kept, nothing else, and of that only what is cheap as long as
+/// nobody looks. So slow drawing drops pictures, not ticks.
 pub(crate) struct Camera<'a, 'b> {
     ledger: &'a mut Ledger<'b>,
     places: Places,
-    /// Scenes to fill.
-    wanted: Receiver<Box<Scene>>,
-    taken: Sender<Box<Scene>>,
+    films: Vec<Film>,
     past: Past,
-}
-
-/// The other end: where empty scenes go, and where filled ones come from.
-#[derive(Debug)]
-pub(crate) struct Pictures {
-    pub(crate) wanted: Sender<Box<Scene>>,
-    pub(crate) taken: Receiver<Box<Scene>>,
-}
-
-/// The camera's end of the [`Pictures`].
-#[derive(Debug)]
-pub(crate) struct Film {
-    wanted: Receiver<Box<Scene>>,
-    taken: Sender<Box<Scene>>,
 }
 
 /// What a picture needs of the ticks before.
@@ -53,29 +38,20 @@ struct Past {
 }
 
 /// Steps of a trail at most.
-const TRAIL: usize = 100;
+pub(super) const TRAIL: usize = 100;
 
 /// Returns of past episodes at most.
-const RETURNS: usize = 256;
+pub(super) const RETURNS: usize = 256;
 
 /// What is left of an error after a tick: half of it after 70.
 const FADING: f64 = 0.99;
 
-impl Pictures {
-    /// Both ends, for one scene under way.
-    pub(crate) fn new() -> (Pictures, Film) {
-        let ((wanted, to_fill), (filled, taken)) = (bounded(1), bounded(1));
-        (Pictures { wanted, taken }, Film { wanted: to_fill, taken: filled })
-    }
-}
-
 impl<'a, 'b> Camera<'a, 'b> {
-    /// A camera for this environment, which keeps this ledger.
-    pub(crate) fn new(spec: &Spec, ledger: &'a mut Ledger<'b>, film: Film) -> Camera<'a, 'b> {
+    /// A camera for this environment, which keeps this ledger and takes pictures on these films.
+    pub(crate) fn new(spec: &Spec, ledger: &'a mut Ledger<'b>, films: Vec<Film>) -> Camera<'a, 'b> {
         let n = spec.n_agents();
         let past = Past { silent: vec![0; n * n], errors: vec![(0.0, 0.0); n], ..Past::default() };
-        let Film { wanted, taken } = film;
-        Camera { ledger, places: Places::of(spec), wanted, taken, past }
+        Camera { ledger, places: Places::of(spec), films, past }
     }
 
     fn take(&self, stage: &Stage, decisions: &Decisions, scene: &mut Scene) {
@@ -109,6 +85,7 @@ impl<'a, 'b> Camera<'a, 'b> {
         scene.errors.extend(past.errors.iter().map(|(sum, n)| (*n >= 1.0).then(|| (sum / n).sqrt())));
         scene.episode_return = past.episode_return;
         scene.returns.clone_from(&past.returns);
+        scene.level = stage.level(tick.episode);
         scene.totals = totals(self.ledger.statistics());
     }
 
@@ -146,11 +123,14 @@ impl Observer for Camera<'_, '_> {
         if !stage.plays(WORLD) {
             return Ok(());
         }
-        self.past.note(stage.spec(), &stage.tick(), decisions);
-        if let Ok(mut scene) = self.wanted.try_recv() {
-            self.take(stage, decisions, &mut scene);
-            // Nobody may be there to look any more.
-            let _ = self.taken.try_send(scene);
+        self.past.listen(&stage.tick(), decisions);
+        if self.films.iter().any(Film::is_watched) {
+            self.past.compare(stage.spec(), &stage.tick(), decisions);
+        } else {
+            self.past.errors.fill((0.0, 0.0));
+        }
+        for film in &self.films {
+            film.take(|scene| self.take(stage, decisions, scene));
         }
         self.past.follow(stage.environment().positions(WORLD));
         Ok(())
@@ -172,15 +152,20 @@ impl Observer for Camera<'_, '_> {
 }
 
 impl Past {
-    fn note(&mut self, spec: &Spec, tick: &Tick, decisions: &Decisions) {
+    fn listen(&mut self, tick: &Tick, decisions: &Decisions) {
         for (agent, silent) in self.silent.chunks_exact_mut(tick.agents).enumerate() {
             let decided = part(decisions, agent) == Part::Decided;
             for (silent, age) in silent.iter_mut().zip(decisions.used(tick, agent, WORLD)) {
                 *silent = if decided && *age == 0 { 0 } else { *silent + 1 };
             }
-            let (sum, n) = &mut self.errors[agent];
+        }
+    }
+
+    /// Costs more than all the rest.
+    fn compare(&mut self, spec: &Spec, tick: &Tick, decisions: &Decisions) {
+        for (agent, (sum, n)) in self.errors.iter_mut().enumerate() {
             (*sum, *n) = (*sum * FADING, *n * FADING);
-            if decided {
+            if part(decisions, agent) == Part::Decided {
                 for squared_error in decisions.imputation_errors(spec, tick, agent, WORLD) {
                     *sum += squared_error;
                     *n += spec.unique_dim() as f64;
@@ -243,6 +228,7 @@ mod tests {
     use crate::environment::Task;
     use crate::link::{LinkSpec, Links};
     use crate::supervisor::{InProcess, Session};
+    use crate::view::pictures::Pictures;
 
     /// Looks at every so many ticks, and draws nothing.
     struct Eye {
@@ -281,7 +267,7 @@ mod tests {
         pictures.wanted.try_send(Box::default()).unwrap();
         let mut eye = Eye { pictures, every, scenes: Vec::new(), truth: Vec::new() };
         let mut ledger = Ledger::default();
-        let mut camera = Camera::new(task.spec(), &mut ledger, film);
+        let mut camera = Camera::new(task.spec(), &mut ledger, vec![film]);
         session.play(&mut team, 2, &mut [&mut camera, &mut eye]).unwrap();
         (eye, ledger.into_statistics())
     }

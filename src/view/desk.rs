@@ -2,6 +2,7 @@
 
 use super::facts::Facts;
 use super::keys::Key;
+use super::scene::Scene;
 use crate::supervisor::{Command, Event, Order};
 
 /// What is chosen.
@@ -11,6 +12,7 @@ pub(super) struct Desk {
     /// See [`Facts`].
     pace: Option<f64>,
     recorded: bool,
+    guest: bool,
     /// The agent whose estimate is shown, and whom keys concern.
     pub(super) chosen: usize,
     /// Whether the swarm stands still; in real time, whether the picture does.
@@ -49,15 +51,23 @@ pub(super) enum Meaning {
 impl Desk {
     /// Nothing is changed yet, and the swarm plays as fast as its world.
     pub(super) fn new(facts: &Facts) -> Desk {
-        let Facts { agents, pace, level, recorded, .. } = *facts;
+        let Facts { agents, pace, level, recorded, guest, .. } = *facts;
+        let pace = pace.filter(|_| !guest);
         let speed = SPEEDS.iter().position(|speed| *speed == 1.0).expect("one of them is 1");
         let (chosen, stands, down, notice) = (0, false, 0, String::new());
-        Desk { agents, pace, recorded, chosen, stands, speed, level, down, notice }
+        Desk { agents, pace, recorded, guest, chosen, stands, speed, level, down, notice }
     }
 
     /// How fast the swarm is to begin.
     pub(super) fn first_command(&self) -> Option<Command> {
         self.is_paced().then(|| Command::Pace(self.rate()))
+    }
+
+    /// Takes in what a guest sees others change.
+    pub(super) fn note(&mut self, scene: &Scene) {
+        if self.guest {
+            self.level = self.level.and(scene.level);
+        }
     }
 
     /// What a key does.
@@ -70,6 +80,11 @@ impl Desk {
             Key::Char('\t' | 'n') | Key::Right => self.choose(1),
             Key::BackTab | Key::Char('N') | Key::Left => self.choose(self.agents - 1),
             Key::Char(' ') => self.stand(!self.stands),
+            Key::Char('.' | '+' | '=' | '-' | '_' | 'm' | ']' | '[' | 'k' | 'x') | Key::Up | Key::Down
+                if self.guest =>
+            {
+                self.refuse("top only watches; whoever runs `spawn --view` can steer")
+            }
             Key::Char('.') => self.step(),
             Key::Char('+' | '=') => self.run(|speed| (speed + 1).min(SPEEDS.len() - 1)),
             Key::Char('-' | '_') => self.run(|speed| speed.saturating_sub(1)),
@@ -161,10 +176,16 @@ impl Desk {
         self.pace.is_some()
     }
 
+    /// Whether whoever looks can change nothing.
+    pub(super) fn is_guest(&self) -> bool {
+        self.guest
+    }
+
     /// How fast it is to be, in words.
     pub(super) fn speed_words(&self) -> String {
         match (self.pace, SPEEDS[self.speed]) {
             (None, _) if self.stands => "picture held".to_owned(),
+            (None, _) if self.guest => "watching".to_owned(),
             (None, _) => "real time".to_owned(),
             (Some(_), _) if self.stands => "paused".to_owned(),
             (Some(_), speed) if speed.is_infinite() => "full speed".to_owned(),
@@ -232,6 +253,22 @@ mod tests {
         assert!(desk.stands && desk.notice.contains("--rate"), "{desk:?}");
         assert_eq!(press(&mut desk, "k k").len(), 3);
         assert_eq!(desk.down, 0, "who is killed returns by itself");
+    }
+
+    #[test]
+    fn a_guest_chooses_agents_holds_the_picture_and_changes_nothing() {
+        let task = Task::parse("spread-blindfold").unwrap();
+        let facts = Facts { guest: true, level: Some(0.5), ..Facts::of(task.spec()) };
+        let mut desk = Desk::new(&facts);
+        assert_eq!((desk.first_command(), desk.speed_words().as_str()), (None, "watching"));
+        for key in ".+=-_m][kx".chars().map(Key::Char).chain([Key::Up, Key::Down]) {
+            assert_eq!(desk.press(key), Meaning::Seen, "{key:?}");
+            assert!(desk.notice.contains("only watches"), "{desk:?}");
+        }
+        assert_eq!((desk.level, desk.down, desk.stands), (Some(0.5), 0, false));
+        assert_eq!(press(&mut desk, "\t "), [Meaning::Seen; 2]);
+        assert_eq!((desk.chosen, desk.speed_words().as_str()), (1, "picture held"));
+        assert_eq!(press(&mut desk, "q"), [Meaning::Told(Command::End)]);
     }
 
     #[test]

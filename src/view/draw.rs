@@ -74,7 +74,7 @@ fn world_block<'a>(look: &Look) -> Block<'a> {
     let chosen = desk.chosen;
     let below = match scene {
         _ if !desk.notice.is_empty() => Line::styled(format!(" {} ", desk.notice), theme.loud()),
-        None => Line::raw(" waiting for the first tick "),
+        None => Line::raw(" waiting for the next tick "),
         _ if !facts.places => Line::raw(" this environment has no places to show "),
         _ if !facts.told => Line::raw(" no ghosts: nobody observes where agents are "),
         Some(scene) => Line::raw(guess_words(scene, chosen)),
@@ -102,9 +102,11 @@ fn guess_words(scene: &Scene, agent: usize) -> String {
 fn key_words(look: &Look, width: u16) -> String {
     const LOCKSTEP: [&str; 4] = ["space pause", ". step", "-+ speed", "m full"];
     const REAL_TIME: [&str; 1] = ["space hold"];
-    const BOTH: [&str; 5] = ["tab agent", "[] p", "k kill", "x stop", "q quit"];
+    const STEERING: [&str; 5] = ["tab agent", "[] p", "k kill", "x stop", "q quit"];
+    const WATCHING: [&str; 2] = ["tab agent", "q quit"];
     let first = if look.desk.is_paced() { &LOCKSTEP[..] } else { &REAL_TIME };
-    let all: Vec<&str> = first.iter().chain(&BOTH).copied().collect();
+    let rest = if look.desk.is_guest() { &WATCHING[..] } else { &STEERING };
+    let all: Vec<&str> = first.iter().chain(rest).copied().collect();
     let roomy = format!(" {}", all.join("  "));
     if roomy.len() <= width.into() {
         return roomy;

@@ -1,10 +1,12 @@
 //! What a view knows of a swarm before its first tick.
 
+use serde::{Deserialize, Serialize};
+
 use super::places::Places;
 use crate::environment::Spec;
 
 /// What stays as it is.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Facts {
     /// The task.
     pub(crate) task: String,
@@ -31,6 +33,8 @@ pub(crate) struct Facts {
     pub(crate) level: Option<f64>,
     /// Whether the run is recorded: a trace cannot say that links change.
     pub(crate) recorded: bool,
+    /// Whether whoever looks is a guest, who can change nothing.
+    pub(crate) guest: bool,
 }
 
 impl Facts {
@@ -50,6 +54,7 @@ impl Facts {
             pace: Some(1.0 / spec.dt),
             level: None,
             recorded: false,
+            guest: false,
         }
     }
 }

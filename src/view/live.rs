@@ -12,17 +12,17 @@ use ratatui::layout::Rect;
 use ratatui::{TerminalOptions, Viewport};
 use rustix::process::{Signal, getpid, kill_process};
 
-use super::camera::{Film, Pictures};
 use super::desk::{Desk, Meaning};
 use super::doubt::Doubt;
 use super::draw::{self, Look};
+use super::pictures::{Film, PICTURES, Pictures};
 use super::scene::Scene;
 use super::terminal::{Terminal, give_back, give_back_within};
 use super::theme::Theme;
 use super::{Facts, world};
 use crate::base::error::Result;
 use crate::failed;
-use crate::supervisor::{Command, Control, hold_words, release_words};
+use crate::supervisor::{Command, hold_words, release_words};
 
 /// A view of a swarm in the terminal. Dropping it gives the terminal back.
 #[derive(Debug)]
@@ -35,9 +35,6 @@ pub(crate) struct Live {
     done: Receiver<()>,
 }
 
-/// At most so many pictures a second.
-const PICTURES: u32 = 20;
-
 /// How long a view may take to close. Its terminal is given back in any case.
 const LONGEST_CLOSE: Duration = Duration::from_secs(1);
 
@@ -46,12 +43,12 @@ const LONGEST_UNREAD: Duration = Duration::from_secs(10);
 
 impl Live {
     /// Finds a terminal, and starts the thread that will draw. A thread that is started later would be pinned and scheduled
-    /// as the swarm is.
+    /// as the swarm is. Where there is no terminal, `remedy` says what to do.
     ///
     /// # Errors
     /// `Usage` if there is no terminal for it.
-    pub(crate) fn prepare() -> Result<Live> {
-        let terminal = Terminal::find()?;
+    pub(crate) fn prepare(remedy: &str) -> Result<Live> {
+        let terminal = Terminal::find(remedy)?;
         let ((begin, begun), (end, done)) = (bounded::<Drawer>(1), bounded(0));
         let thread = std::thread::Builder::new().name("view".to_owned()).spawn(move || {
             let _end = end;
@@ -67,16 +64,17 @@ impl Live {
         Ok(Live { terminal, begin, closes: Arc::default(), done })
     }
 
-    /// Takes the terminal and begins to draw what will be on the film. The control is for the session that is filmed.
+    /// Takes the terminal and begins to draw what will be on the film. What keys ask for goes to `commands`, which has
+    /// room for some.
     ///
     /// # Errors
     /// `Failed` if the terminal cannot be taken.
-    pub(crate) fn begin(&mut self, facts: Facts) -> Result<(Film, Control)> {
+    pub(crate) fn begin(&mut self, facts: Facts, commands: Sender<Command>) -> Result<Film> {
         self.terminal.take()?;
         if std::io::stderr().is_terminal() {
             hold_words();
         }
-        let ((pictures, film), (commands, control)) = (Pictures::new(), Control::new());
+        let (pictures, film) = Pictures::new();
         let desk = Desk::new(&facts);
         if let Some(command) = desk.first_command() {
             commands.try_send(command).expect("there is room for the first one");
@@ -95,7 +93,7 @@ impl Live {
         };
         // The thread ends only if this ends.
         let _ = self.begin.send(drawer);
-        Ok((film, control))
+        Ok(film)
     }
 }
 
@@ -171,6 +169,7 @@ impl Drawer {
     fn see(&mut self, scene: Box<Scene>) -> bool {
         self.speed.note(scene.tick);
         self.doubt.note(&scene);
+        self.desk.note(&scene);
         let is_held = self.desk.stands && !self.desk.is_paced();
         let empty = if is_held { Some(scene) } else { self.scene.replace(scene) };
         let _ = self.pictures.wanted.try_send(empty.unwrap_or_default());

@@ -6,7 +6,11 @@
 //!    +------ control <------ desk <------ keys -+
 //! ```
 //!
-//! The camera is on the swarm's side. All the rest is on a thread of its own, which nobody waits for.
+//! The camera is on the swarm's side. All the rest is on a thread of its own, which nobody waits for; or in another process:
+//!
+//! ```text
+//! session -> camera -> scene -> window -> shared memory -> visit -> scene -> draw -> terminal
+//! ```
 
 pub(crate) mod film;
 pub(crate) mod places;
@@ -28,11 +32,19 @@ mod live;
 #[cfg(feature = "view")]
 mod panels;
 #[cfg(feature = "view")]
+mod pictures;
+#[cfg(feature = "view")]
 mod scene;
+#[cfg(feature = "view")]
+mod sign;
 #[cfg(feature = "view")]
 mod terminal;
 #[cfg(feature = "view")]
 mod theme;
+#[cfg(feature = "view")]
+mod visit;
+#[cfg(feature = "view")]
+mod window;
 #[cfg(feature = "view")]
 mod world;
 
@@ -42,3 +54,11 @@ pub(crate) use camera::Camera;
 pub(crate) use facts::Facts;
 #[cfg(feature = "view")]
 pub(crate) use live::Live;
+#[cfg(feature = "view")]
+pub(crate) use pictures::Film;
+#[cfg(feature = "view")]
+pub(crate) use sign::Sign;
+#[cfg(feature = "view")]
+pub(crate) use visit::{Farewell, visit};
+#[cfg(feature = "view")]
+pub(crate) use window::Window;

@@ -1,6 +1,7 @@
 //! Where an agent thinks the others are, as its estimate of the joint observation tells it.
 
 use glam::DVec2;
+use serde::{Deserialize, Serialize};
 
 use crate::environment::{About, Axis, Spec, Unit, Value};
 
@@ -29,7 +30,7 @@ struct Told {
 }
 
 /// Where one agent thinks another is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Ghost {
     /// The other.
     pub(crate) agent: usize,

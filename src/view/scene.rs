@@ -1,11 +1,12 @@
 //! A scene: all that a view shows of a swarm at one tick.
 
 use glam::DVec2;
+use serde::{Deserialize, Serialize};
 
 use super::places::Ghost;
 
 /// One world of a swarm at the moment when its agents have decided, and what was counted until then.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Scene {
     /// The number of the episode.
     pub(crate) episode: u64,
@@ -35,12 +36,31 @@ pub(crate) struct Scene {
     pub(crate) episode_return: f64,
     /// What it earned in the episodes before, the latest last.
     pub(crate) returns: Vec<f64>,
+    /// The probability of delivery, if links have but one.
+    pub(crate) level: Option<f64>,
     /// What was counted.
     pub(crate) totals: Totals,
 }
 
+impl Scene {
+    /// Whether its parts fit together, for so many agents: whoever draws it relies on that.
+    pub(super) fn fits(&self, agents: usize) -> bool {
+        let places = self.positions.len();
+        let ghosts = |ghosts: &Vec<AgedGhost>| {
+            ghosts.iter().all(|aged| aged.ghost.agent < agents && aged.ghost.agent < places)
+        };
+        (places == agents || places == 0)
+            && (self.trail.is_empty() || places > 0 && self.trail.len().is_multiple_of(places))
+            && self.parts.len() == agents
+            && self.fates.len() == agents * agents
+            && self.ghosts.len() == agents
+            && self.ghosts.iter().all(ghosts)
+            && self.errors.len() == agents
+    }
+}
+
 /// What an agent did at a tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Part {
     /// It decided.
     #[default]
@@ -52,7 +72,7 @@ pub(crate) enum Part {
 }
 
 /// What became of an observation at the tick at which it was to arrive.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Fate {
     /// It is the agent's own, or its sender or its receiver took no part.
     #[default]
@@ -68,7 +88,7 @@ pub(crate) enum Fate {
 }
 
 /// Where an agent thinks another is, and since when it has to guess.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct AgedGhost {
     /// Who is thought to be where.
     pub(crate) ghost: Ghost,
@@ -77,7 +97,7 @@ pub(crate) struct AgedGhost {
 }
 
 /// What was counted of all that was played.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Totals {
     /// Episodes.
     pub(crate) finished: u64,

@@ -55,21 +55,19 @@ const LEAVE: &[u8] = b"\x18\x1b[0m\x1b[?25h\x1b[?1049l";
 const LONGEST_LAST_WRITE: Duration = Duration::from_millis(100);
 
 impl Terminal {
-    /// Finds the terminal, and leaves it as it is.
+    /// Finds the terminal, and leaves it as it is. Where there is none, `remedy` says what to do.
     ///
     /// # Errors
     /// `Usage` if there is none, or it can show nothing but lines.
-    pub(super) fn find() -> Result<Terminal> {
+    pub(super) fn find(remedy: &str) -> Result<Terminal> {
         let file = OpenOptions::new()
             .read(true)
             .write(true)
             .custom_flags((OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32)
             .open("/dev/tty")
-            .map_err(|e| usage!("there is no terminal to show a view in ({e}); leave out --view"))?;
+            .map_err(|e| usage!("there is no terminal to show a view in ({e}); {remedy}"))?;
         if std::env::var_os("TERM").is_some_and(|term| term == "dumb") {
-            return Err(usage!(
-                "a view needs a terminal that can move its cursor, not TERM=dumb; leave out --view"
-            ));
+            return Err(usage!("a view needs a terminal that can move its cursor, not TERM=dumb; {remedy}"));
         }
         Ok(Terminal { file: Arc::new(file), rest: Arc::default() })
     }

@@ -230,10 +230,10 @@ pub fn root(tag: &str) -> PathBuf {
     runtime.filter(|root| root.exists()).unwrap_or(in_tmp)
 }
 
-/// The names of a swarm's shared memory.
+/// The names of a swarm's shared memory, that of its guests included.
 pub fn shared_memory(tag: &str) -> Vec<String> {
     let names = std::fs::read_dir("/dev/shm").unwrap().filter_map(|e| e.ok()?.file_name().into_string().ok());
-    names.filter(|name| name.starts_with(&format!("vs_{tag}_"))).collect()
+    names.filter(|name| name.starts_with(&format!("vs_{tag}"))).collect()
 }
 
 fn sockets(tag: &str) -> usize {

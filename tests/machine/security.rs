@@ -25,6 +25,7 @@ fn with_own_tmp(script: &str) -> Option<Output> {
     let mount = format!("mount -t tmpfs tmpfs /mnt; {script}");
     let mut command = Command::new("unshare");
     command.args(["-rm", "sh", "-c", &mount]).env("P", "/mnt/vamaro-swarm").env_remove("XDG_RUNTIME_DIR");
+    command.env("TERM", "dumb");
     Some(command.output().unwrap())
 }
 
@@ -65,6 +66,7 @@ fn all_of_a_swarm_is_for_its_owner_only() {
 #[test]
 fn somebody_else_cannot_open_list_or_disturb_a_swarm() {
     let mut swarm = Swarm::start("--agents 2 --p 0.5");
+    assert!(swarm.first_line().contains("2 agents"));
     let (tag, root) = (swarm.tag.clone(), root(&swarm.tag));
     let segments = shared_memory(&tag);
     assert!(segments.len() > 10);
@@ -89,11 +91,58 @@ fn somebody_else_cannot_open_list_or_disturb_a_swarm() {
     as_somebody_else(&format!("{} doctor --clean", program.display()));
     assert_eq!(shared_memory(&tag).len(), segments.len());
     assert!(root.exists());
-    assert!(swarm.first_line().contains("2 agents"));
     swarm.signal_supervisor(Signal::INT);
     let (code, _, stderr) = swarm.wait();
     assert_eq!(code, Some(130), "it played on: {stderr}");
     as_somebody_else(&format!("rm -rf /tmp/vamaro-swarm-{SOMEBODY_ELSE}"));
+}
+
+#[test]
+fn somebody_else_cannot_watch_a_swarm() {
+    let mut swarm = Swarm::start("--agents 2");
+    swarm.first_line();
+    let folder = tempfile::tempdir().unwrap();
+    fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o755)).unwrap();
+    let program = folder.path().join("vamaro-swarm");
+    fs::copy(PROGRAM, &program).unwrap();
+    let (program, process) = (program.display(), swarm.supervisor().as_raw_nonzero());
+    let Some(output) = as_somebody_else(&format!("{program} top {process}")) else { return };
+    let error = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert!(
+        error.contains(&format!("process {process} belongs to user 0, and you are user 65534")),
+        "{error}"
+    );
+    let output = as_somebody_else(&format!("{program} top")).unwrap();
+    let error = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert!(
+        error.contains("no swarm of yours is running; those of other users are for them alone"),
+        "{error}"
+    );
+    as_somebody_else(&format!("rm -rf /tmp/vamaro-swarm-{SOMEBODY_ELSE}"));
+}
+
+/// In a place of its own: others run swarms as well.
+#[test]
+fn top_finds_the_swarms_that_there_are() {
+    let script = "$P top; echo $?; \
+                  mkfifo /tmp/a /tmp/b; \
+                  start() { $P spawn $2 --episodes 1000000000 >$1 & exec 3<$1; read line <&3; }; \
+                  start /tmp/a '--task hear-see'; a=$!; $P top; echo $?; \
+                  exec 4<&3; start /tmp/b '--agents 4'; b=$!; $P top; echo $?; echo $a $b; kill $a $b; wait";
+    let Some(output) = with_own_tmp(script) else { return };
+    let (stdout, error) = (String::from_utf8_lossy(&output.stdout).into_owned(), stderr(&output));
+    let lines: Vec<&str> = stdout.lines().collect();
+    assert_eq!(lines[..3], ["2", "2", "2"], "{stdout}{error}");
+    assert!(error.contains("no swarm of yours is running; start one"), "{error}");
+    // It found the one; there is no terminal here, or none that shows more than lines.
+    assert!(error.contains("run top in one"), "{error}");
+    assert!(error.contains("2 swarms are running; name the process of one"), "{error}");
+    for (process, played) in lines[3].split(' ').zip(["hear-see     2", "spread-xy-4  4"]) {
+        let row = error.lines().find(|line| line.trim_start().starts_with(process)).expect(&error);
+        assert!(row.contains(played) && row.ends_with(" s"), "{row}");
+    }
 }
 
 #[test]
@@ -108,16 +157,16 @@ fn too_few_processes_are_found_before_the_start() {
         as_user(LONELY, &format!("exec prlimit --nproc={limit} {} {words}", program.display()))
     };
     let spawn = "spawn --task hear-see --episodes 1";
-    // The program itself is one.
-    let Some(output) = with(5, spawn) else { return };
+    // The program itself is one, and has a thread for those who watch.
+    let Some(output) = with(6, spawn) else { return };
     let error = stderr(&output);
     assert_eq!(output.status.code(), Some(1), "{error}");
     assert!(error.contains("2 agents need 5 more processes and threads"), "{error}");
-    assert!(error.contains("`ulimit -u 6`"), "{error}");
-    assert!(with(6, spawn).unwrap().status.success());
+    assert!(error.contains("`ulimit -u 7`"), "{error}");
+    assert!(with(7, spawn).unwrap().status.success());
     let doctor = |limit| String::from_utf8(with(limit, "doctor").unwrap().stdout).unwrap();
-    assert!(doctor(5).contains("a team of two needs 5"), "{}", doctor(5));
-    assert!(doctor(60).contains("the largest team needs 129"), "{}", doctor(60));
+    assert!(doctor(5).contains("a team of two needs 6"), "{}", doctor(5));
+    assert!(doctor(60).contains("the largest team needs 130"), "{}", doctor(60));
     as_user(LONELY, &format!("rm -rf /tmp/vamaro-swarm-{LONELY}"));
 }
 

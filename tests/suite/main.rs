@@ -32,6 +32,8 @@ mod resume;
 mod rollouts;
 mod rooms;
 mod substitute;
+#[cfg(feature = "view")]
+mod top;
 mod train;
 mod verify;
 #[cfg(feature = "view")]

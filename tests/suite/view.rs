@@ -20,8 +20,8 @@ use crate::common::{PROGRAM, children, is_running, succeed};
 const LONG: Duration = Duration::from_secs(60);
 
 /// A program in a terminal of its own.
-struct Seat {
-    program: Child,
+pub struct Seat {
+    pub program: Child,
     keyboard: File,
     /// The end that the program has. As long as it is held here, its settings can be read.
     terminal: OwnedFd,
@@ -31,6 +31,11 @@ struct Seat {
 impl Seat {
     /// Starts `spawn --view` with these words in a terminal of so many columns and rows.
     fn of(words: &str, columns: u16, rows: u16) -> Seat {
+        Seat::at(&format!("spawn --view {words}"), columns, rows)
+    }
+
+    /// Starts the command of these words in a terminal of so many columns and rows.
+    pub fn at(words: &str, columns: u16, rows: u16) -> Seat {
         let keyboard = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         grantpt(&keyboard).unwrap();
         unlockpt(&keyboard).unwrap();
@@ -39,7 +44,7 @@ impl Seat {
         let terminal = ioctl_tiocgptpeer(&keyboard, peer).unwrap();
         let end = || Stdio::from(terminal.try_clone().unwrap());
         tcsetwinsize(&terminal, size(columns, rows)).unwrap();
-        let program = in_session(&["--ctty"], &format!("--view {words}"))
+        let program = in_session(&["--ctty"], words)
             .env("TERM", "xterm-256color")
             .env_remove("NO_COLOR")
             .stdin(end())
@@ -54,12 +59,12 @@ impl Seat {
 
     /// Waits until all of these words are on the screen.
     #[track_caller]
-    fn sees(&mut self, words: &[&str]) {
+    pub fn sees(&mut self, words: &[&str]) {
         self.sees_that(|seat| words.iter().all(|words| seat.text().contains(words)));
     }
 
     #[track_caller]
-    fn sees_that(&mut self, holds: impl Fn(&Seat) -> bool) {
+    pub fn sees_that(&mut self, holds: impl Fn(&Seat) -> bool) {
         let deadline = Instant::now() + LONG;
         while !holds(self) {
             let ended = self.program.try_wait().unwrap();
@@ -68,7 +73,7 @@ impl Seat {
         }
     }
 
-    fn press(&mut self, keys: &str) {
+    pub fn press(&mut self, keys: &str) {
         self.keyboard.write_all(keys.as_bytes()).unwrap();
     }
 
@@ -102,13 +107,13 @@ impl Seat {
         }
     }
 
-    fn id(&self) -> Pid {
+    pub fn id(&self) -> Pid {
         Pid::from_child(&self.program)
     }
 
     /// Waits for the program to end. It must have given the terminal back; its exit code, and what is to be read then.
     #[track_caller]
-    fn ends(mut self) -> (Option<i32>, String) {
+    pub fn ends(mut self) -> (Option<i32>, String) {
         let deadline = Instant::now() + LONG;
         let ended = loop {
             self.read();
@@ -138,10 +143,10 @@ fn size(columns: u16, rows: u16) -> Winsize {
     Winsize { ws_row: rows, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 }
 }
 
-/// `spawn` in a session of its own, with these options of `setsid`.
+/// A command in a session of its own, with these options of `setsid`.
 fn in_session(options: &[&str], words: &str) -> Command {
     let mut command = Command::new("setsid");
-    command.args(options).args([PROGRAM, "spawn"]).args(words.split_whitespace());
+    command.args(options).arg(PROGRAM).args(words.split_whitespace());
     command
 }
 
@@ -269,7 +274,7 @@ fn a_terminal_may_be_tiny_grow_and_vanish() {
 
 #[test]
 fn without_a_terminal_there_is_no_view() {
-    let refused = in_session(&[], "--view --in-process").stdin(Stdio::null()).output().unwrap();
+    let refused = in_session(&[], "spawn --view --in-process").stdin(Stdio::null()).output().unwrap();
     let said = String::from_utf8_lossy(&refused.stderr);
     assert_eq!(refused.status.code(), Some(2), "{said}");
     assert!(

@@ -78,6 +78,7 @@ impl Actors {
     /// Lets them see what is believed, `[rows, joint]`.
     pub(super) fn consider(&mut self, beliefs: &[f32]) {
         for Pass { agents, actor, state, inputs, ids, logits, .. } in &mut self.passes {
+            assert_eq!(beliefs.len(), self.rows * actor.n_inputs(), "beliefs are [rows, joint]");
             inputs.chunks_exact_mut(beliefs.len()).for_each(|inputs| inputs.copy_from_slice(beliefs));
             let rows = self.rows * agents.len();
             if actor.step(rows, inputs, ids, state, &mut self.scratch, logits).is_err() {

@@ -3,9 +3,10 @@
 //! The conversion is exact, so products are bit-identical to those of the same values as f32; there is just half as much to
 //! read, which is what the product of one row takes most of its time for. Only AVX-512 does it in passing.
 
+use super::Start;
+#[cfg(target_arch = "x86_64")]
 use super::linear::Linear;
-use super::{ARCH, Start};
-use pulp::{Arch, Simd};
+use pulp::Simd;
 
 /// A vector of f32 from weights of type `W`.
 pub(super) trait Load<W>: Simd {
@@ -37,7 +38,7 @@ impl Load<u16> for pulp::x86::V4 {
 /// Whether [`linear_of_halves`] works on this machine.
 pub fn take_halves() -> bool {
     #[cfg(target_arch = "x86_64")]
-    return matches!(*ARCH, Arch::V4(_));
+    return matches!(*super::ARCH, pulp::Arch::V4(_));
     #[cfg(not(target_arch = "x86_64"))]
     return false;
 }
@@ -46,14 +47,21 @@ pub fn take_halves() -> bool {
 ///
 /// # Panics
 /// Unless [`take_halves`].
+#[cfg(target_arch = "x86_64")]
 pub fn linear_of_halves(rows: usize, x: &[f32], weight: &[u16], start: Start, y: &mut [f32]) {
     let Some(op) = Linear::new(rows, x, weight, start, y) else { return };
-    #[cfg(target_arch = "x86_64")]
-    if let Arch::V4(simd) = *ARCH {
-        return simd.vectorize(
-            #[inline(always)]
-            || op.run(simd),
-        );
-    }
-    unreachable!("only where `take_halves` says so")
+    let pulp::Arch::V4(simd) = *super::ARCH else { panic!("this machine takes no halves") };
+    simd.vectorize(
+        #[inline(always)]
+        || op.run(simd),
+    );
+}
+
+/// Not on this machine.
+///
+/// # Panics
+/// Always.
+#[cfg(not(target_arch = "x86_64"))]
+pub fn linear_of_halves(_rows: usize, _x: &[f32], _weight: &[u16], _start: Start, _y: &mut [f32]) {
+    panic!("this machine takes no halves")
 }

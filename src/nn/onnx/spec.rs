@@ -12,7 +12,7 @@ use crate::nn::networks::{ActorKind, Networks, Sharing};
 use crate::nn::{Dims, Meta};
 use crate::{failed, usage};
 
-/// What an ONNX actor sees and says; the table `[actor]` of a [`Description`]. See `docs/onnx.md`.
+/// What an ONNX actor sees and says; the table `[actor]` of their description. See `docs/onnx.md`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct OnnxSpec {

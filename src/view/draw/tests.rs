@@ -184,7 +184,7 @@ fn what_cannot_be_shown_is_said() {
     picture.scene = Some(Scene { positions: vec![], trail: vec![], ..scene(2) });
     picture.says(&["this environment has no places to show", "hears 01"]);
     picture.scene = None;
-    picture.says(&["waiting for the first tick", "q quit"]);
+    picture.says(&["waiting for the next tick", "q quit"]);
 }
 
 #[test]
@@ -213,4 +213,6 @@ fn keys_and_notices_are_those_of_the_mode() {
     picture.says(&["picture held", "space hold  tab agent"]);
     picture.keys = &[Key::Char('.')];
     picture.says(&["no stepping: a clock waits for nobody "]);
+    picture.facts.guest = true;
+    picture.says(&["watching", "top only watches", "space hold  tab agent  q quit"]);
 }
