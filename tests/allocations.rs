@@ -80,7 +80,14 @@ fn an_episode_allocates_nothing() {
 
 #[test]
 fn running_networks_allocates_nothing_after_the_first_pass() {
-    let dims = Dims { task: "toy".to_string(), n_agents: 4, joint: 24, predicted: 16, n_actions: 5 };
+    let dims = Dims {
+        task: "toy".to_string(),
+        n_agents: 4,
+        joint: 24,
+        predicted: 16,
+        n_actions: 5,
+        agents: Vec::new(),
+    };
     for (actor, sharing) in [(ActorKind::Mlp, Sharing::Separate), (ActorKind::Gru, Sharing::Shared)] {
         let networks = Networks { sharing, ..Networks::paper(actor) };
         let policy = Policy::untrained(&dims, 1, networks).unwrap();
@@ -91,7 +98,7 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         let (mut logits, mut out) = (vec![0.0; rows * dims.n_actions], vec![0.0; rows * 2 * dims.predicted]);
         let mut scratch = Scratch::default();
         let mut tick = || {
-            actor.step(rows, &inputs, &[], &mut memory, &mut scratch, &mut logits);
+            actor.step(rows, &inputs, &[], &mut memory, &mut scratch, &mut logits).unwrap();
             actor.prepare(rows, &mut memory);
             predictor.step(rows, &inputs, &[], &mut state, &mut scratch, &mut out);
         };

@@ -157,7 +157,7 @@ impl<P: AgentPort> Member<P> {
         let times = DecisionTimes { received_ns, fused_ns: now_ns() };
         self.draws.clear();
         self.draws.extend(sensor.draws.iter().map(|draw| f64::from_bits(join(*draw))));
-        self.agent.act(episode, step, &self.draws);
+        self.agent.act(episode, step, &self.draws)?;
         let header = self.answer(Kind::Decision, sample.header(), self.layout.decision_words(worlds));
         let (agent, layout, ages) = (&self.agent, &self.layout, &self.ages);
         self.port.publish_decision(header, |words| {

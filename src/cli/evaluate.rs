@@ -268,7 +268,7 @@ impl Evaluate {
             settings: Settings {
                 episodes,
                 seed: self.seed,
-                greedy: self.greedy,
+                greedy: self.greedy || entrants.iter().all(|entrant| entrant.policy.is_greedy()),
                 comm_at_t0: !self.no_comm_at_t0,
                 physics: self.physics,
             },

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{print, print_json, table, tell};
 use crate::base::error::Result;
 use crate::base::stats::mean;
-use crate::nn::{Input, Meta, PolicyFile, PredictorSpec, Sigma};
+use crate::nn::{Input, Meta, OnnxSpec, PolicyFile, PredictorSpec, Said, Seen, Sigma};
 use crate::recording::{Episode, Presence, Reader};
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
@@ -22,7 +22,8 @@ Examples:
   vamaro-swarm inspect runs/hs-0/checkpoint.safetensors
   vamaro-swarm inspect trace.json --json")]
 pub struct Inspect {
-    /// A policy file or checkpoint (.safetensors), a trace or recording, or the folder of a training run
+    /// A policy file or checkpoint (.safetensors), a description of ONNX files (.toml), a trace or recording,
+    /// or the folder of a training run
     file: PathBuf,
 
     /// Print it as one JSON object
@@ -55,6 +56,10 @@ impl Inspect {
                     file.display()
                 ));
             }
+            // If it says what a policy says, there is more to tell of what it says wrong.
+            FileKind::Unknown if file.extension().is_some_and(|extension| extension == "toml") => {
+                policy(file)?
+            }
             FileKind::Updates | FileKind::Json(_) | FileKind::Unknown => {
                 return Err(usage!("{} is neither a policy file nor a trace or recording", file.display()));
             }
@@ -72,12 +77,18 @@ fn policy(path: &Path) -> Result<Content> {
     let actor = if is_imputer {
         "none: the team acts elsewhere".to_owned()
     } else {
-        format!("{}, {}, hidden {}", networks.actor, networks.sharing, networks.hidden)
+        let size = || format!("hidden {}", networks.hidden);
+        let about = file.onnx.as_ref().map_or_else(size, onnx_words);
+        format!("{}, {}, {about}", networks.actor, networks.sharing)
     };
     let rows = shown().map(|tensor| {
         vec![tensor.name.clone(), format!("{:?}", tensor.shape), tensor.n_values().to_string()]
     });
-    let rows = table(&["tensor", "shape", "values"], rows);
+    let graphs = file
+        .graphs
+        .iter()
+        .map(|(name, bytes)| vec![name.clone(), "ONNX".to_owned(), format!("{} bytes", bytes.len())]);
+    let rows = table(&["tensor", "shape", "values"], rows.chain(graphs));
     let predictors = networks.predictors.iter();
     let predictors: Vec<String> = predictors.map(predictor_words).collect();
     let text = format!(
@@ -95,7 +106,7 @@ fn policy(path: &Path) -> Result<Content> {
         shown().map(|tensor| tensor.n_values()).sum::<usize>()
     );
     let tensors = file.tensors.iter().map(|tensor| json!({"name": tensor.name, "shape": tensor.shape}));
-    let json = json!({
+    let mut json = json!({
         "kind": "policy",
         "task": meta.task,
         "algorithm": meta.algorithm,
@@ -111,7 +122,26 @@ fn policy(path: &Path) -> Result<Content> {
         "parameters": file.n_parameters(),
         "tensors": tensors.collect::<Vec<_>>(),
     });
+    if let Some(onnx) = &file.onnx {
+        json["onnx"] = json!(onnx);
+    }
     Ok(Content { text, json })
+}
+
+/// What ONNX actors see and say.
+fn onnx_words(spec: &OnnxSpec) -> String {
+    let sees = match spec.input {
+        Seen::Joint => "the joint estimate",
+        Seen::OwnFirst => "the joint estimate, its own part first",
+        Seen::Own => "its own observation",
+    };
+    let says = match spec.output {
+        Said::Logits => "logits",
+        Said::MeanLogStd => "means and log-stds",
+    };
+    let id = if spec.agent_id { " and its id" } else { "" };
+    let normalised = if spec.normalise.is_some() { ", normalised" } else { "" };
+    format!("sees {sees}{id}{normalised}, says {says}")
 }
 
 fn predictor_words(predictor: &PredictorSpec) -> String {

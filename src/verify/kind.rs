@@ -51,6 +51,8 @@ impl FileKind {
                 Err(_) => FileKind::Tensors,
             },
             _ if beginning.trim_ascii_start().first() == Some(&b'{') => FileKind::of_json(path)?,
+            // A description of ONNX files is a text.
+            _ if PolicyFile::read(path).is_ok() => FileKind::Policy,
             _ => FileKind::Unknown,
         })
     }

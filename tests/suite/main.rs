@@ -22,6 +22,7 @@ mod imputers;
 mod links;
 mod lost_is_lost;
 mod mcap;
+mod onnx;
 mod parity;
 mod physics;
 mod plot;
