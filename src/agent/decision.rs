@@ -12,6 +12,7 @@ use crate::base::error::Result;
 use crate::bus::Layout;
 use crate::environment::Spec;
 use crate::failed;
+use crate::link::LONGEST_DELAY;
 use crate::nn::{Inference, NetworkState, Policy, Scratch};
 
 /// What every agent of a team runs with.
@@ -34,6 +35,8 @@ pub struct AgentSettings {
     pub worlds: usize,
     /// The most ticks by which links may postpone an observation: it is kept for so long.
     pub longest_delay: u8,
+    /// Whether messages also carry the newest that their senders hold of others.
+    pub relay: bool,
     /// Whether decisions say which logits they were made by. Only a recorder looks at them.
     pub tell_logits: bool,
 }
@@ -50,6 +53,7 @@ impl AgentSettings {
             seed: 0,
             worlds: 1,
             longest_delay: 0,
+            relay: false,
             tell_logits: false,
         }
     }
@@ -63,7 +67,15 @@ impl AgentSettings {
             action: spec.action_width(),
             joint: spec.joint_dim(),
             logits: if self.tell_logits { spec.n_actions() } else { 0 },
+            relay: self.relay,
         }
+    }
+
+    /// The most ticks ago that what reaches an agent may have been observed.
+    pub fn longest_age(&self) -> u8 {
+        // Nothing is older than its episode.
+        let oldest = self.spec.episode_steps.min(LONGEST_DELAY.into()) as u8;
+        if self.relay { oldest } else { self.longest_delay }
     }
 }
 
@@ -108,7 +120,15 @@ impl Agent {
     pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
         let spec = settings.spec.clone();
         let AgentSettings { worlds, seed, longest_delay, greedy, .. } = *settings;
-        let setup = Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay, greedy };
+        let setup = Setup {
+            spec: &spec,
+            policy,
+            agent: index,
+            worlds,
+            seed,
+            longest_delay: settings.longest_age(),
+            greedy,
+        };
         let actor = policy.actor(index).clone();
         let (imputer, truth) = Truth::split(&settings.imputer);
         Ok(Agent {

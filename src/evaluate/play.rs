@@ -28,7 +28,8 @@ pub(super) fn play(
     let links = condition.links().build().sharing_at_start(settings.comm_at_t0);
     let end = FIRST_EPISODE + settings.episodes;
     let environment = task.clone().with_physics(settings.physics)?.environment(worlds);
-    let mut session = Session::new(environment, links, settings.seed).starting_at(FIRST_EPISODE);
+    let mut session =
+        Session::new(environment, links, settings.seed).relaying(settings.relay).starting_at(FIRST_EPISODE);
     if let Some(chaos) = condition.chaos() {
         session = session.with_chaos(chaos, Duration::from_secs_f64(task.spec().dt))?;
     }

@@ -256,7 +256,7 @@ impl CompactEpisodes {
             file,
             environment: task.environment(1),
             episode_steps: about.episode_steps,
-            delays: about.longest_delay > 0,
+            delays: about.longest_delay > 0 || about.relay,
             layout,
             read: 0,
             is_over: false,

@@ -9,7 +9,7 @@ use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::Scheduling;
 use crate::bus::Wait;
 use crate::environment::Task;
-use crate::link::{CommunicationMatrix, LinkSpec, Site, complement};
+use crate::link::{CommunicationMatrix, LinkSpec, RadioLog, Site, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::{FORMAT_VERSION, RecordingHeader, is_json};
 use crate::supervisor::Recorder;
@@ -94,6 +94,7 @@ impl Spawn {
             // More worlds than episodes would have nothing to do.
             worlds: u64::from(self.worlds).min(self.episodes) as usize,
             longest_delay: links.longest_delay(),
+            relay: self.relay,
             tell_logits: self.record.as_deref().is_some_and(is_json),
         })
     }
@@ -122,6 +123,8 @@ impl Spawn {
             comm_at_t0: Some(!self.no_comm_at_t0),
             rate: self.rate,
             longest_delay: settings.longest_delay,
+            relay: self.relay,
+            logs: links.logs().map(RadioLog::fingerprint).collect(),
             format_version: Some(FORMAT_VERSION),
             version: Some(env!("CARGO_PKG_VERSION").to_owned()),
         };
