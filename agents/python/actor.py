@@ -1,6 +1,12 @@
-"""Actors that turn joint estimates into logits: that of the swarm's policy by numpy, or any ONNX file by onnxruntime."""
+"""Actors that turn joint estimates into logits: that of the swarm's policy by numpy, or any ONNX file by onnxruntime.
+
+A policy in Python turns them into actions itself.
+"""
 
 import json
+import os
+import sys
+from importlib import import_module
 
 import numpy as np
 
@@ -21,8 +27,8 @@ class PolicyActor:
         # A shared actor also gets the index of its agent, after the estimate.
         self.identity = np.eye(agents)[agent] if shared else None
 
-    def begin(self, worlds):
-        """Begins an episode in each of the worlds."""
+    def begin(self, worlds, _episode):
+        """Begins an episode in each of the worlds, the first of this number."""
         self.state = np.zeros((worlds, len(self.tensors["out.weight"])))
 
     def logits(self, estimates, _own):
@@ -56,7 +62,7 @@ class OnnxActor:
         self.session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
         self.inputs = self.session.get_inputs()
 
-    def begin(self, worlds):
+    def begin(self, worlds, _episode):
         self.states = [np.zeros([worlds, *state.shape[1:]], np.float32) for state in self.inputs[1:]]
 
     def logits(self, estimates, own):
@@ -64,6 +70,35 @@ class OnnxActor:
         names = [tensor.name for tensor in self.inputs]
         logits, *self.states = self.session.run(None, dict(zip(names, [seen, *self.states])))
         return logits
+
+
+class CallableActor:
+    """A policy in Python, as `vamaro_swarm.evaluate` takes it: `policy(agent, estimate)` is an action, and if there is
+    `policy.begin(seed, episode)`, it is called first. Parts of estimates are as long as their agents' observations."""
+
+    def __init__(self, name, settings, agent):
+        spec = settings["spec"]
+        if settings["worlds"] > 1:
+            sys.exit("error: a policy in Python plays one world at a time; use --worlds 1")
+        sys.path.insert(0, os.getcwd())
+        module, _, function = name.partition(":")
+        self.policy = getattr(import_module(module), function or "policy")
+        self.seed, self.name = settings["seed"], spec["agents"][agent]["name"]
+        self.values = "box" in spec["agents"][agent]["actions"]
+        parts = [(at * spec["unique"], len(one["observation"])) for at, one in enumerate(spec["agents"])]
+        columns = [np.arange(begin, begin + length) for begin, length in parts]
+        common = len(spec["agents"]) * spec["unique"] + np.arange(len(spec["common"]))
+        self.columns = np.concatenate([*columns, common])
+
+    def begin(self, _worlds, episode):
+        begin = getattr(self.policy, "begin", None)
+        if begin is not None:
+            begin(self.seed, episode)
+
+    def act(self, estimates):
+        """The action, `[1, values]`."""
+        action = self.policy(self.name, estimates[0, self.columns])
+        return np.array(action, np.float32 if self.values else np.int64).reshape(1, -1)
 
 
 def choose(logits, draw, greedy):

@@ -172,10 +172,13 @@ class Port:
         return age if age <= OLDEST else NOT_ARRIVED
 
     def decide(self, actions, ages, estimates, logits, received_ns, fused_ns):
-        """Publishes a decision, each part `[worlds, ..]`."""
+        """Publishes a decision, each part `[worlds, ..]`. Actions are numbers, or rows of f32 values."""
+        words = actions.view(np.uint32) if actions.dtype == np.float32 else actions.astype(np.uint32)
+        acts = np.zeros((len(words), self.layout["action"]), np.uint32)
+        acts[:, : words.size // len(words)] = words.reshape(len(words), -1)
         padded = np.zeros(4 * words_of_ages(*ages.shape), np.uint8)
         padded[: ages.size] = ages.ravel()
-        parts = [actions.astype(np.uint32), padded.view(np.uint32), estimates.view(np.uint32)]
+        parts = [acts, padded.view(np.uint32), estimates.view(np.uint32)]
         if self.layout["logits"]:
             parts.append(np.ascontiguousarray(logits).view(np.uint32))
         parts.append(np.array([received_ns, fused_ns], np.uint64).view(np.uint32))

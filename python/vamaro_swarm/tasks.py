@@ -155,7 +155,7 @@ class TaskEnv(ParallelEnv[str, NDArray[np.float32], Any]):
         return self._arena.team_reward([rewards[agent] for agent in self.possible_agents])
 
     def state(self) -> NDArray[np.float32]:
-        """Where agents and landmarks are, and how fast agents move."""
+        """Where agents, landmarks and targets are, and how fast agents move."""
         agents, landmarks, velocities, _ = self._arena.state(0)
         return np.array([*agents, *landmarks, *velocities], np.float32).ravel()
 

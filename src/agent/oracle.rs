@@ -22,12 +22,14 @@ const MARK: &str = "+oracle:";
 pub enum Truth {
     /// That of the agent itself, whoever observes it.
     Own,
-    /// That of all other agents.
+    /// That of everybody else who moves: all other agents, and those who are not of the team.
     Others,
     /// That of no agent: landmarks, colours, and what somebody said.
     Constants,
     /// That of the agent with this number.
     Agent(usize),
+    /// That of those who move and are not of the team.
+    Targets,
 }
 
 impl Truth {
@@ -55,7 +57,8 @@ impl Truth {
         }
         let state = match self {
             Truth::Own => "an agent itself".to_owned(),
-            Truth::Others => "other agents".to_owned(),
+            Truth::Others => "other agents or targets".to_owned(),
+            Truth::Targets => "targets".to_owned(),
             Truth::Constants => "landmarks or messages".to_owned(),
             Truth::Agent(agent) => format!("agent {agent}, counted from 0"),
         };
@@ -78,6 +81,7 @@ impl Truth {
         match (self, about) {
             (Truth::Own, About::Agent(of)) => of == agent,
             (Truth::Others, About::Agent(of)) => of != agent,
+            (Truth::Others | Truth::Targets, About::Target(_)) => true,
             (Truth::Agent(one), About::Agent(of)) => of == one,
             (Truth::Constants, About::Landmark | About::Message) => true,
             _ => false,
@@ -85,13 +89,14 @@ impl Truth {
     }
 }
 
-/// `own`, `others`, `constants` or `agent:K`.
+/// `own`, `others`, `targets`, `constants` or `agent:K`.
 impl fmt::Display for Truth {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Truth::Own => f.write_str("own"),
             Truth::Others => f.write_str("others"),
             Truth::Constants => f.write_str("constants"),
+            Truth::Targets => f.write_str("targets"),
             Truth::Agent(agent) => write!(f, "agent:{agent}"),
         }
     }
@@ -108,9 +113,11 @@ impl FromStr for Truth {
 
     fn from_str(text: &str) -> std::result::Result<Truth, String> {
         let agent = text.strip_prefix("agent:").and_then(|agent| agent.parse().ok()).map(Truth::Agent);
-        let named = [Truth::Own, Truth::Others, Truth::Constants].into_iter().chain(agent);
+        let named = [Truth::Own, Truth::Others, Truth::Targets, Truth::Constants].into_iter().chain(agent);
         let mut named = named.filter(|truth| truth.to_string() == text);
-        named.next().ok_or_else(|| "expected own, others, constants or agent:K, such as agent:0".to_owned())
+        named
+            .next()
+            .ok_or_else(|| "expected own, others, targets, constants or agent:K, such as agent:0".to_owned())
     }
 }
 
@@ -158,7 +165,7 @@ mod tests {
 
     #[test]
     fn an_oracle_is_known_by_its_name_and_nobody_else_is_taken_for_one() {
-        for truth in [Truth::Own, Truth::Others, Truth::Constants, Truth::Agent(12)] {
+        for truth in [Truth::Own, Truth::Others, Truth::Targets, Truth::Constants, Truth::Agent(12)] {
             assert_eq!(Truth::split(&truth.oracle("maro")), ("maro", Some(truth)));
         }
         for name in ["maro", "maro+own", "own", "maro+oracle:", "maro+oracle:all", "maro+oracle:agent:+1"] {
@@ -182,6 +189,12 @@ mod tests {
                 assert_eq!(own, Truth::Agent(agent).dims(spec, agent).collect::<Vec<_>>());
             }
         }
+        // In scout-3 the target is known to agent 0 alone, and agent 0 knows it without an oracle.
+        let spec = Task::parse("scout-3").unwrap().spec().clone();
+        let dims = |truth, agent| Oracle::new(truth, &spec, agent).unwrap().dims;
+        assert_eq!(dims(Truth::Targets, 2), [4, 5, 6, 7]);
+        assert_eq!(dims(Truth::Others, 2), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
+        assert!(dims(Truth::Targets, 0).is_empty());
         // Of spread-xy-2, agent 0 is seen along y by agent 1: place and velocity, first of each pair.
         let spec = Task::parse("spread-xy-2").unwrap().spec().clone();
         assert_eq!(Oracle::new(Truth::Own, &spec, 0).unwrap().dims, [4, 6]);
@@ -196,7 +209,8 @@ mod tests {
         assert!(of("hear-see", Truth::Constants).is_ok() && of("spread-xy-2", Truth::Constants).is_ok());
         for (task, truth, says) in [
             ("hear-see", Truth::Agent(2), "about agent 2, counted from 0"),
-            ("spread-blindfold-1", Truth::Others, "about other agents"),
+            ("spread-blindfold-1", Truth::Others, "about other agents or targets"),
+            ("rendezvous-3", Truth::Targets, "about targets"),
         ] {
             let error = of(task, truth).unwrap_err().to_string();
             assert!(error.contains(says) && error.contains(task), "{error}");

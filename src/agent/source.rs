@@ -40,12 +40,14 @@ pub enum PolicySource {
     /// A policy in training: the supervisor hands it to the team at the start, and new weights whenever it
     /// has learned.
     Training,
+    /// None: all agents are other programs, which act as they like.
+    Nobody,
 }
 
 impl PolicySource {
     /// Loads the policy for a task. Weights that are stored as f32, in a file or in the program, stay where they are.
     pub fn load(&self, spec: &Spec) -> Result<Policy> {
-        if spec.n_actions() == 0 {
+        if spec.n_actions() == 0 && *self != PolicySource::Nobody {
             return Err(usage!(
                 "the agents of {} act by values, and policies choose among discrete actions; take a task with these",
                 spec.id
@@ -73,6 +75,7 @@ impl PolicySource {
             PolicySource::Training => {
                 Err(failed!("a policy in training cannot be loaded from a file, only passed on"))
             }
+            PolicySource::Nobody => nobody(spec),
         }
     }
 }
@@ -84,8 +87,16 @@ impl fmt::Display for PolicySource {
             PolicySource::Untrained(seed) => write!(f, "untrained (seed {seed})"),
             PolicySource::File(path) | PolicySource::Copy(path) => write!(f, "{}", path.display()),
             PolicySource::Training => write!(f, "in training"),
+            PolicySource::Nobody => write!(f, "none"),
         }
     }
+}
+
+/// A policy whose actors nobody runs, and without predictors: imputers look into one.
+fn nobody(spec: &Spec) -> Result<Policy> {
+    let dims = Dims { n_actions: spec.n_actions().max(1), ..dims(spec) };
+    let networks = Networks { hidden: 1, predictors: Vec::new(), ..Networks::paper(ActorKind::Mlp) };
+    Policy::untrained(&dims, 0, networks)
 }
 
 /// The sizes a policy for this task has.

@@ -50,6 +50,10 @@ pub enum Purpose {
     Fading = 14,
     /// Where in a log of a radio an episode begins.
     Log = 15,
+    /// How the wind changes.
+    Wind = 16,
+    /// Where somebody who is not of the team turns.
+    Turn = 17,
 }
 
 /// The draws of one (seed, purpose, episode, step).

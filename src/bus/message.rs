@@ -33,6 +33,14 @@ pub enum Kind {
     Shutdown = 5,
     /// Supervisor to all agents: new values of the policy.
     Weights = 6,
+    /// Environment to supervisor: its [`Description`](crate::environment::Description), as JSON.
+    Describe = 7,
+    /// Supervisor to environment: begin an episode in a world.
+    Reset = 8,
+    /// Supervisor to environment: one step of all worlds.
+    Step = 9,
+    /// Environment to supervisor: where that led.
+    Outcome = 10,
 }
 
 /// Stands before every payload. Its name is the one by which other languages open the services.

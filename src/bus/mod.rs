@@ -10,11 +10,14 @@
 //!        +----------------- decisions -------------+
 //! ```
 //!
+//! An environment in another process has a line of its own (`line.rs`) to the supervisor.
+//!
 //! The supervisor reads observations along only to know when all of a tick are published. Swarms that play a
 //! frozen policy have no service for weights.
 
 mod clock;
 mod directory;
+mod line;
 mod local;
 mod memory;
 mod message;
@@ -26,6 +29,7 @@ mod wait;
 pub(crate) use clock::{now_ns, wait_for_moment, wake_on_time};
 pub use directory::SwarmDirectory;
 pub(crate) use directory::{check_writable, is_tag, leftovers, place};
+pub(crate) use line::{Line, LineLayout, LineSettings, line_memory_needed, wake_supervisor_of_line};
 pub(crate) use local::LocalHub;
 pub use local::{LocalPort, LocalSample};
 pub(crate) use memory::SharedMemory;

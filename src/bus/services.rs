@@ -9,6 +9,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{
     FileName, LogLevel, Path, SemanticString, ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or,
 };
+use iceoryx2::service::Service;
 use iceoryx2::service::builder::publish_subscribe::Builder as PubSubBuilder;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use serde::{Deserialize, Serialize};
@@ -232,6 +233,11 @@ impl SwarmAddress {
 
 /// This process's entry point to iceoryx2, in the swarm with this tag.
 pub(crate) fn node(tag: &str, role: Role) -> Result<Node<ipc::Service>> {
+    node_of(tag, role)
+}
+
+/// The same, of any kind of service.
+pub(super) fn node_of<S: Service>(tag: &str, role: Role) -> Result<Node<S>> {
     set_log_level_from_env_or(LogLevel::Fatal);
     let name = format!("vamaro-swarm {role:?}");
     NodeBuilder::new()

@@ -8,6 +8,7 @@ use iceoryx2::node::Node;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::ipc;
+use iceoryx2::service::Service;
 use iceoryx2::service::header::payload_header::PayloadHeader;
 use rustix::process::Pid;
 
@@ -219,7 +220,7 @@ fn receive(subscriber: &WordSubscriber) -> Result<Option<SharedSample>> {
     Ok(subscriber.receive().map_err(bus_error("receive a sample"))?.map(SharedSample))
 }
 
-fn sleep(woken: &Listener<ipc::Service>, longest: Duration) -> Result<()> {
+pub(super) fn sleep<S: Service>(woken: &Listener<S>, longest: Duration) -> Result<()> {
     match woken.timed_wait(|_| {}, longest) {
         // A signal is a reason to look around, not an error.
         Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),

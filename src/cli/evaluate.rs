@@ -65,9 +65,10 @@ pub struct Evaluate {
     imputers: Vec<String>,
 
     /// Also play each imputer with an oracle that knows a part of the truth, to see how much of the loss is due to not
-    /// knowing it: the state of the agent itself (own), of the other agents (others), of agent K (agent:K), or what is
-    /// no agent's state (constants: landmarks, colours, messages); may be given several times
-    #[arg(long, value_name = "own|others|constants|agent:K")]
+    /// knowing it: the state of the agent itself (own), of everybody else who moves (others), of those among them who are
+    /// not of the team (targets), of agent K (agent:K), or what does not move (constants: landmarks, colours, messages); may
+    /// be given several times
+    #[arg(long, value_name = "own|others|targets|constants|agent:K")]
     substitute: Vec<Truth>,
 
     /// The imputer that the others are compared with [default: maro if played, else hold]

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{print, print_json, table};
 use crate::base::error::Result;
 use crate::base::stats::mean;
-use crate::nn::{Input, PolicyFile, PredictorSpec, Sigma};
+use crate::nn::{Input, Meta, PolicyFile, PredictorSpec, Sigma};
 use crate::recording::{Episode, Presence, Reader};
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
@@ -66,27 +66,33 @@ impl Inspect {
 fn policy(path: &Path) -> Result<Content> {
     let file = PolicyFile::read(path)?;
     let (meta, networks) = (&file.meta, &file.networks);
-    let rows = file.tensors.iter().map(|tensor| {
+    // The actors of a fitted imputer are there because every policy file has some.
+    let is_imputer = meta.algorithm == Meta::IMPUTER;
+    let shown = || file.tensors.iter().filter(|tensor| !(is_imputer && tensor.name.starts_with("actors.")));
+    let actor = if is_imputer {
+        "none: the team acts elsewhere".to_owned()
+    } else {
+        format!("{}, {}, hidden {}", networks.actor, networks.sharing, networks.hidden)
+    };
+    let rows = shown().map(|tensor| {
         vec![tensor.name.clone(), format!("{:?}", tensor.shape), tensor.n_values().to_string()]
     });
     let rows = table(&["tensor", "shape", "values"], rows);
     let predictors = networks.predictors.iter();
     let predictors: Vec<String> = predictors.map(predictor_words).collect();
     let text = format!(
-        "policy for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {}, \
-         {}, hidden {}\npredictors  {}\ndynamics    {}\nparameters  {}\n\n{rows}",
+        "{} for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {actor}\n\
+         predictors  {}\ndynamics    {}\nparameters  {}\n\n{rows}",
+        if is_imputer { "imputer" } else { "policy" },
         meta.task,
         meta.algorithm,
         meta.steps,
         meta.seed,
         meta.origin,
         meta.program,
-        networks.actor,
-        networks.sharing,
-        networks.hidden,
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
         if file.dynamics.is_some() { "fitted" } else { "none" },
-        file.n_parameters()
+        shown().map(|tensor| tensor.n_values()).sum::<usize>()
     );
     let tensors = file.tensors.iter().map(|tensor| json!({"name": tensor.name, "shape": tensor.shape}));
     let json = json!({

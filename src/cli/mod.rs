@@ -291,7 +291,8 @@ fn rate(text: &str) -> std::result::Result<f64, String> {
 
 /// What the help says of `--physics`.
 const PHYSICS_HELP: &str = "How bodies move: any of motor_noise (std of the error of a push, in pushes, 0 to 10), damping \
-    (share of its velocity that a body loses per step, 0 to 1) and mass (of each agent, kg, 0.01 to 100)";
+    (share of its velocity that a body loses per step, 0 to 1), mass (of each agent, kg, 0.01 to 100) and wind (std of a force \
+    on all agents alike, in pushes, 0 to 10)";
 
 /// What the help says of an option that names imputers.
 fn imputer_help(default: &str) -> String {

@@ -13,13 +13,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::requirement::{self, Requirement};
 use super::summary::{Outcome, Summary};
-use super::{PHYSICS_HELP, imputer_help, policy_source, print, print_json, probability, rate, tell};
+use super::{PHYSICS_HELP, imputer_help, print, print_json, probability, rate, tell};
 use crate::agent::AgentSettings;
 use crate::base::error::{Error, Result};
 use crate::base::scheduling::{Grants, Scheduling};
 use crate::base::threads::cores;
 use crate::bus::Wait;
-use crate::environment::PhysicsSpec;
+use crate::environment::{Environment, PhysicsSpec};
 use crate::link;
 use crate::supervisor::{
     AgentCommand, Audit, ChaosSpec, Conduct, Deadlines, InProcess, Injected, Ledger, Observer, OnFailure,
@@ -37,6 +37,12 @@ pub struct Spawn {
     /// --agents, else hear-see]
     #[arg(long, value_name = "T")]
     task: Option<String>,
+
+    /// Play in the environment that this command hosts, in a process of its own, such as
+    /// 'python3 -m vamaro_swarm.serve mpe2.simple_spread_v3' for one of PettingZoo; docs/python.md says more
+    #[arg(long = "env", value_name = "COMMAND", value_parser = command_line,
+        conflicts_with_all = ["task", "agents", "physics", "record"])]
+    environment: Option<AgentCommand>,
 
     /// Size of the team; alone, it picks the task of that size
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -136,7 +142,7 @@ pub struct Spawn {
 
     /// How long an agent may take for a tick before it counts as hung and is killed; its observation must be published
     /// within four fifths of that. With --rate: how long it may miss ticks [default: 1s, and 1ms for each agent in each
-    /// world]
+    /// world]. With --env: also how long the environment may take for a step [default: 10s]
     #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "in_process", help_heading = FAULTS)]
     deadline: Option<Duration>,
 
@@ -189,6 +195,11 @@ Examples:
   # agent 2 is your own program
   vamaro-swarm spawn --agents 4 --imputer hold \\
     --agent '2=python3 agents/python/hold.py'
+  # a PettingZoo environment, and agents by policies of your own
+  vamaro-swarm spawn --p 0.5 \\
+    --env 'python3 -m vamaro_swarm.serve mpe2.simple_reference_v3' \\
+    --agent '0=python3 agents/python/hold.py my_team:policy' \\
+    --agent '1=python3 agents/python/hold.py my_team:policy'
   # in real time, 100 Hz
   vamaro-swarm spawn --agents 4 --p 0.2 --rate 100
   # agents are killed; exit code 3 if the team falls short
@@ -204,12 +215,12 @@ impl Spawn {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         signals::install()?;
-        let source = policy_source(&self.policy, self.seed)?;
-        let task = self.find_task(&source)?.with_physics(self.physics)?;
         let scheduling = self.scheduling()?;
-        let links = self.find_links(&task)?;
-        let policy = source.load(task.spec())?;
-        let settings = self.settings(&task, &links, source, &policy)?;
+        let scene = self.find_scene()?;
+        let source = self.find_policy(&scene.spec)?;
+        let links = self.find_links(&scene)?;
+        let policy = source.load(&scene.spec)?;
+        let settings = self.settings(&scene, &links, source, &policy)?;
         if self.chaos.is_some() && settings.worlds > 1 {
             return Err(usage!(
                 "--chaos needs --worlds 1: an agent is one process for all worlds, and a kill would hit them all"
@@ -224,7 +235,7 @@ impl Spawn {
             },
         };
         let mut summary = Summary {
-            task: &task,
+            physics: &self.physics,
             links: &links,
             comm_at_t0: !self.no_comm_at_t0,
             settings: &settings,
@@ -233,26 +244,27 @@ impl Spawn {
             rate: self.rate,
             scheduling: None,
             others: &self.other_agents,
+            environment: self.environment.as_ref(),
             chaos: self.chaos,
             episodes: self.episodes,
         };
         let (mut punctuality, mut faults) = (None, None);
         let played = if self.in_process {
-            self.play(&mut InProcess::new(&settings, &policy)?, &summary, onlookers)?
+            self.play(&mut InProcess::new(&settings, &policy)?, scene.environment, &summary, onlookers)?
         } else {
             let mut team = Processes::start(&settings, &policy, self.conduct(&settings, scheduling)?)?;
             summary.scheduling = team.grants().cloned();
-            if self.wait == Wait::Spin && task.spec().n_agents() >= cores() {
+            if self.wait == Wait::Spin && scene.spec.n_agents() >= cores() {
                 tell(&format!(
                     "note: {} processes spin on {} cores and take turns; --wait block may be faster",
-                    task.spec().n_agents() + 1,
+                    scene.spec.n_agents() + 1,
                     cores()
                 ));
             }
             if let Some(refused) = team.grants().and_then(Grants::refused) {
                 tell(&format!("note: {refused}"));
             }
-            let played = self.play(&mut team, &summary, onlookers)?;
+            let played = self.play(&mut team, scene.environment, &summary, onlookers)?;
             (punctuality, faults) = (team.punctuality().cloned(), Some(team.faults().clone()));
             played
         };
@@ -295,15 +307,21 @@ impl Spawn {
     }
 
     /// Plays all episodes, or those before an interruption or a failure.
-    fn play(&self, team: &mut impl Team, summary: &Summary, mut onlookers: Onlookers) -> Result<Played> {
+    fn play(
+        &self,
+        team: &mut impl Team,
+        environment: Box<dyn Environment>,
+        summary: &Summary,
+        mut onlookers: Onlookers,
+    ) -> Result<Played> {
         if !self.json {
             print(&summary.first_lines())?;
         }
         let links = summary.links.build().sharing_at_start(summary.comm_at_t0);
-        let mut session = Session::new(summary.task.environment(summary.settings.worlds), links, self.seed)
-            .relaying(self.relay);
+        let mut session = Session::new(environment, links, self.seed).relaying(self.relay);
         if let Some(chaos) = self.chaos {
-            session = session.with_chaos(chaos, Duration::from_secs_f64(self.tick(summary.task)))?;
+            session =
+                session.with_chaos(chaos, Duration::from_secs_f64(self.tick(&summary.settings.spec)))?;
         }
         let bar = progress_bar(self.episodes);
         #[cfg(feature = "view")]
@@ -409,7 +427,12 @@ fn other_agent(text: &str) -> std::result::Result<(usize, AgentCommand), String>
         text.split_once('=').ok_or("expected an agent and a command, such as '2=python3 agent.py'")?;
     let agent =
         agent.trim().parse().map_err(|_| format!("`{agent}` is not an agent: agents are counted from 0"))?;
-    Ok((agent, AgentCommand::parse(command).map_err(|e| e.to_string())?))
+    Ok((agent, command_line(command)?))
+}
+
+/// Reads a command, such as `python3 agent.py`.
+fn command_line(text: &str) -> std::result::Result<AgentCommand, String> {
+    AgentCommand::parse(text).map_err(|e| e.to_string())
 }
 
 /// A bar on a terminal, nothing elsewhere.

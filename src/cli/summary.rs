@@ -7,14 +7,14 @@ use crate::base::distribution::Distribution;
 use crate::base::scheduling::Grants;
 use crate::base::table::{counted, thousands, wrapped};
 use crate::bus::Wait;
-use crate::environment::Task;
+use crate::environment::PhysicsSpec;
 use crate::link::{CommunicationMatrix, LinkSpec, complement};
 use crate::nn::Meta;
 use crate::supervisor::{AgentCommand, Audit, ChaosSpec, Faults, Injected, Punctuality, Statistics, Steered};
 
 /// What was asked for. With what came of it, it makes a summary.
 pub(super) struct Summary<'a> {
-    pub(super) task: &'a Task,
+    pub(super) physics: &'a PhysicsSpec,
     pub(super) links: &'a LinkSpec,
     pub(super) comm_at_t0: bool,
     pub(super) settings: &'a AgentSettings,
@@ -27,6 +27,8 @@ pub(super) struct Summary<'a> {
     pub(super) scheduling: Option<Grants>,
     /// Which agents are other programs, and which.
     pub(super) others: &'a [(usize, AgentCommand)],
+    /// What hosts the environment, if that is not here.
+    pub(super) environment: Option<&'a AgentCommand>,
     /// What befalls agents on purpose.
     pub(super) chaos: Option<ChaosSpec>,
     pub(super) episodes: u64,
@@ -49,16 +51,16 @@ pub(super) struct Outcome<'a> {
 impl Summary<'_> {
     /// Says what runs; both p and the drop probability, which are so easily confused.
     pub(super) fn first_lines(&self) -> String {
-        let place = match (self.wait, self.task.spec().n_agents()) {
+        let place = match (self.wait, self.settings.spec.n_agents()) {
             (None, _) => "in-process",
             (_, 1) => "as a process",
             _ => "as processes",
         };
         let what = format!(
             "{}{}: {} {place}, {}{}",
-            self.task.id(),
-            self.task.physics().if_other(),
-            counted(self.task.spec().n_agents() as u64, "agent"),
+            self.settings.spec.id,
+            self.physics.if_other(),
+            counted(self.settings.spec.n_agents() as u64, "agent"),
             counted(self.episodes, "episode"),
             self.rate.map(|rate| self.clock_words(rate)).unwrap_or_default()
         );
@@ -70,7 +72,7 @@ impl Summary<'_> {
     /// Says how long it will take, if all goes well.
     fn clock_words(&self, rate: f64) -> String {
         let batches = self.episodes.div_ceil(self.settings.worlds as u64);
-        let seconds = batches as f64 * self.task.spec().episode_steps as f64 / rate;
+        let seconds = batches as f64 * self.settings.spec.episode_steps as f64 / rate;
         format!(", at {rate} Hz: {seconds:.1} s")
     }
 
@@ -89,10 +91,12 @@ impl Summary<'_> {
             Some(ci) => format!("{:.1} +- {ci:.1} (mean, 95 % interval)", statistics.return_mean()),
             None => format!("{:.1} (one episode)", statistics.return_mean()),
         };
-        let mut lines = vec![
+        let hosted = self.environment.map(|command| ("env", command.to_string()));
+        let mut lines: Vec<_> = hosted.into_iter().collect();
+        lines.extend([
             ("policy", self.policy_words()),
             ("imputer", format!("{}, actions {actions}", self.settings.imputer)),
-        ];
+        ]);
         let others =
             self.others.iter().map(|(agent, command)| ("by others", format!("agent-{agent}: {command}")));
         lines.extend(others);
@@ -162,6 +166,7 @@ impl Summary<'_> {
     fn policy_words(&self) -> String {
         match &self.settings.policy {
             PolicySource::Untrained(_) => self.settings.policy.to_string(),
+            PolicySource::Nobody => "none: every agent is another program".to_owned(),
             source => {
                 format!("{source}: {}, {} env steps", self.policy.origin, thousands(self.policy.steps))
             }
@@ -182,12 +187,12 @@ impl Summary<'_> {
     /// The same for programs, see `docs/formats.md`.
     pub(super) fn json(&self, outcome: &Outcome) -> Value {
         let Outcome { statistics, audit, punctuality, faults, injected, steered } = *outcome;
-        let Summary { task, settings, .. } = self;
+        let Summary { physics, settings, .. } = self;
         let p = self.links.p();
         let mut summary = json!({
             "version": env!("CARGO_PKG_VERSION"),
-            "task": task.id(),
-            "agents": task.spec().n_agents(),
+            "task": settings.spec.id,
+            "agents": settings.spec.n_agents(),
             "in_process": self.wait.is_none(),
             "wait": self.wait,
             "scheduling": self.scheduling,
@@ -220,8 +225,11 @@ impl Summary<'_> {
             "faults": faults.map(fault_json),
             "real_time": punctuality.map(|punctuality| clock_json(statistics, punctuality)),
         });
-        if !task.physics().is_default() {
-            summary["physics"] = json!(task.physics());
+        if !physics.is_default() {
+            summary["physics"] = json!(physics);
+        }
+        if let Some(command) = self.environment {
+            summary["environment"] = json!(command.to_string());
         }
         if settings.relay {
             summary["relay"] = json!(true);

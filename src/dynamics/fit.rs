@@ -44,9 +44,9 @@ pub fn fit(task: &Task, seed: u64, episodes: u64) -> Result<Fitted> {
     let velocity_error = velocities.median_error(&motion);
     let mut still = vec![0.0; motion.len()];
     still[0] = 1.0;
-    // What motors do by chance is no fault of the law: half of a normal error is below this share of its deviation.
+    // What motors and wind do by chance is no fault of the law: half of a normal error is below this share of its deviation.
     let largest_push = motion[1..].iter().fold(0.0, |largest: f64, push| largest.max(push.abs()));
-    let by_chance = 0.6745 * task.physics().motor_noise * largest_push;
+    let by_chance = 0.6745 * task.chance() * largest_push;
     if velocity_error - by_chance > 0.5 * velocities.median_error(&still) {
         return Err(failed!(
             "velocities in {} do not follow a law of the form v' = keep v + push: half of the errors are above \
@@ -246,7 +246,7 @@ mod tests {
     fn other_physics_is_recovered_from_noisy_play() {
         // Strong noise hides contacts: none are better than wrong ones.
         for (name, distance, motor_noise) in [("spread-xy-2", None, 0.5), ("spread-xy-4", Some(0.2), 0.02)] {
-            let physics = PhysicsSpec { motor_noise, damping: 0.3, mass: 1.25 };
+            let physics = PhysicsSpec { motor_noise, damping: 0.3, mass: 1.25, wind: 0.0 };
             let task = Task::parse(name).unwrap().with_physics(physics).unwrap();
             let Fitted { dynamics, velocity_error, place_error, .. } = fit(&task, 0, 1000).unwrap();
             // Half of the errors of a normal distribution are below 0.6745 of its standard deviation.

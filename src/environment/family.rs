@@ -16,6 +16,9 @@ pub(super) struct Family {
     pub(super) spec: fn(id: &str, n_agents: usize) -> Spec,
     /// Makes so many worlds of a task.
     pub(super) worlds: MakeWorlds,
+    /// Standard deviation of the force that pushes an agent along an axis by chance if no physics says so, in units of a
+    /// full push.
+    pub(super) chance: f64,
 }
 
 /// Makes so many worlds of a task with this physics.

@@ -13,6 +13,7 @@ pub(super) const FAMILY: Family = Family {
     any_size: None,
     spec,
     worlds: worlds::<HearSee>,
+    chance: 0.0,
 };
 
 const N_AGENTS: usize = 2;
@@ -40,6 +41,7 @@ fn spec(id: &str, _n_agents: usize) -> Spec {
         unique: PADDED_OBS_DIM,
         common: Vec::new(),
         landmarks: 1,
+        targets: 0,
         episode_steps: 25,
         dt: HearSee::physics(N_AGENTS).dt,
         team_reward: TeamReward::SumForEach,

@@ -8,23 +8,32 @@
 //! `f64`, what agents observe is `f32`. The rules are those of the reference environments, down to the last
 //! bits: `tests/suite/verify.rs` replays episodes recorded from them.
 
+mod description;
 mod family;
 mod hear_see;
+mod moment;
 mod motor;
 mod physics;
 mod physics_spec;
 mod point_mass;
+mod predator_prey;
 mod registry;
+mod rendezvous;
+mod scout;
 mod simple_spread;
 mod speaker_listener;
 mod spec;
 mod spread;
+mod target;
 mod task;
+mod wind;
 mod worlds;
 
+pub use description::Description;
 pub use physics::{Body, Physics};
 pub use physics_spec::PhysicsSpec;
 pub use spec::{About, ActionSpace, AgentSpec, Axis, PaperSetting, Spec, TeamReward, Unit, Value};
+pub use target::Target;
 pub use task::Task;
 pub use worlds::{Actions, World, Worlds};
 
@@ -98,6 +107,8 @@ pub struct State {
     pub velocities: Vec<DVec2>,
     /// Where the landmarks are, m.
     pub landmarks: Vec<DVec2>,
+    /// Who else moves, and is not of the team.
+    pub targets: Vec<Target>,
     /// The landmark that is the goal of all.
     pub goal: Option<usize>,
 }

@@ -3,39 +3,38 @@
 use glam::DVec2;
 
 use super::Physics;
-use crate::base::rng::{Draws, Purpose};
+use super::moment::Moment;
+use crate::base::rng::Purpose;
 
-/// The motors of a team in an episode, which say how far it has come.
+/// The motors of a team.
 #[derive(Clone, Debug)]
 pub(super) struct Motors {
     /// Standard deviation of the error of a force along each axis, N.
     std: f64,
-    seed: u64,
-    episode: u64,
-    step: u64,
 }
 
 impl Motors {
-    /// Before the first episode.
+    /// Those of these laws.
     pub(super) fn of(physics: &Physics) -> Motors {
-        Motors { std: physics.motor_noise * physics.force, seed: 0, episode: 0, step: 0 }
-    }
-
-    /// Begins an episode.
-    pub(super) fn begin(&mut self, seed: u64, episode: u64) {
-        *self = Motors { std: self.std, seed, episode, step: 0 };
+        Motors { std: physics.motor_noise * physics.force }
     }
 
     /// Adds the errors of a step to the forces of all agents, whatever these are. The draws of agent i are those of
     /// ([`Purpose::Motor`], episode, step, receiver i).
-    pub(super) fn shake(&mut self, forces: &mut [DVec2]) {
+    #[inline]
+    pub(super) fn shake(&self, moment: Moment, forces: &mut [DVec2]) {
         if self.std > 0.0 {
-            let mut draws = Draws::new(self.seed, Purpose::Motor, self.episode, self.step);
-            for (agent, force) in forces.iter_mut().enumerate() {
-                *force += self.std * draws.at(agent, 0).normal();
-            }
+            self.add_errors(moment, forces);
         }
-        self.step += 1;
+    }
+
+    /// Apart, so that a step without noise stays small.
+    #[cold]
+    fn add_errors(&self, moment: Moment, forces: &mut [DVec2]) {
+        let mut draws = moment.draws(Purpose::Motor);
+        for (agent, force) in forces.iter_mut().enumerate() {
+            *force += self.std * draws.at(agent, 0).normal();
+        }
     }
 }
 
@@ -46,13 +45,14 @@ mod tests {
 
     /// The errors of so many episodes of 25 steps, agent by agent.
     fn errors(motor_noise: f64, episodes: u64) -> Vec<DVec2> {
-        let mut motors = Motors::of(&Physics { motor_noise, ..Physics::of(vec![]) });
+        let motors = Motors::of(&Physics { motor_noise, ..Physics::of(vec![]) });
         let mut errors = Vec::new();
         for episode in 0..episodes {
-            motors.begin(3, episode);
+            let mut moment = Moment::first(3, episode);
             for _ in 0..25 {
                 let mut forces = [DVec2::ZERO; 4];
-                motors.shake(&mut forces);
+                motors.shake(moment, &mut forces);
+                moment.pass();
                 errors.extend(forces);
             }
         }
@@ -86,15 +86,13 @@ mod tests {
     #[test]
     fn errors_are_found_by_their_address() {
         assert_eq!(errors(0.3, 2), errors(0.3, 2));
-        let mut motors = Motors::of(&Physics { motor_noise: 0.3, ..Physics::of(vec![]) });
-        motors.begin(3, 1);
+        let motors = Motors::of(&Physics { motor_noise: 0.3, ..Physics::of(vec![]) });
         let mut all = [DVec2::ZERO; 4];
-        motors.shake(&mut all);
+        motors.shake(Moment::first(3, 1), &mut all);
         assert_eq!(all[..], errors(0.3, 2)[100..104]);
         // A smaller team has the draws of its agents in a larger one.
-        motors.begin(3, 1);
         let mut few = [DVec2::ZERO; 2];
-        motors.shake(&mut few);
+        motors.shake(Moment::first(3, 1), &mut few);
         assert_eq!(few[..], all[..2]);
     }
 

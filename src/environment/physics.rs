@@ -16,6 +16,8 @@ pub struct Physics {
     pub force: f64,
     /// Standard deviation of the error of an agent's force along each axis, in units of `force`. Default 0.
     pub motor_noise: f64,
+    /// Standard deviation of the wind's force along each axis, in units of `force`. Default 0.
+    pub wind: f64,
     /// Contact force per length of overlap, N/m. Default 100: a full overlap of two 0.15 m agents pushes
     /// with 30 N, six times what an action can press against it.
     pub contact_stiffness: f64,
@@ -54,17 +56,20 @@ impl Physics {
             damping: 0.25,
             force: 5.0,
             motor_noise: 0.0,
+            wind: 0.0,
             contact_stiffness: 100.0,
             contact_margin: 1e-3,
             bodies,
         }
     }
 
-    /// The same, but for what `spec` says.
+    /// The same, but for what `spec` says. Its noise and its wind come on top of those that the world has by itself.
     pub fn under(mut self, spec: &PhysicsSpec) -> Physics {
-        let PhysicsSpec { motor_noise, damping, mass } = *spec;
+        let PhysicsSpec { motor_noise, damping, mass, wind } = *spec;
+        // Of independent errors the variances add.
+        let (motor_noise, wind) = (self.motor_noise.hypot(motor_noise), self.wind.hypot(wind));
         self.bodies.iter_mut().for_each(|body| body.mass = mass);
-        Physics { motor_noise, damping, ..self }
+        Physics { motor_noise, wind, damping, ..self }
     }
 
     /// The force of an action, N; none for an action that does not exist.
@@ -81,9 +86,7 @@ impl Physics {
                 if self.bodies[a].collides && self.bodies[b].collides {
                     let apart = positions[a] - positions[b];
                     let touching = self.bodies[a].size + self.bodies[b].size;
-                    // Beyond this distance the force is less than the rounding of an action's and counts as none.
-                    let reach = touching + 40.0 * self.contact_margin;
-                    if apart.length_squared() > reach * reach {
+                    if self.is_beyond(apart, touching) {
                         continue;
                     }
                     let force = self.contact_force(apart, touching);
@@ -92,6 +95,18 @@ impl Physics {
                 }
             }
         }
+    }
+
+    /// The force, N, on a body `apart` from something that stands still, and which it touches at distance `touching`.
+    pub fn push_off(&self, apart: DVec2, touching: f64) -> DVec2 {
+        if self.is_beyond(apart, touching) { DVec2::ZERO } else { self.contact_force(apart, touching) }
+    }
+
+    /// Whether a contact force is less than the rounding of an action's, so that it counts as none.
+    #[inline]
+    fn is_beyond(&self, apart: DVec2, touching: f64) -> bool {
+        let reach = touching + 40.0 * self.contact_margin;
+        apart.length_squared() > reach * reach
     }
 
     /// The force on the first of two bodies `apart` (first minus second) that touch at distance `touching`.

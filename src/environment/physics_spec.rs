@@ -20,8 +20,11 @@ pub struct PhysicsSpec {
     pub motor_noise: f64,
     /// Share of its velocity that a body loses in a step.
     pub damping: f64,
-    /// Mass of every agent, kg. Forces of actions and of contacts are divided by it.
+    /// Mass of every agent, kg. All forces are divided by it.
     pub mass: f64,
+    /// How strong the wind is, which pushes all agents alike: standard deviation of its force along each axis, in units of
+    /// a full push (5 N).
+    pub wind: f64,
 }
 
 /// One of its parameters.
@@ -31,15 +34,16 @@ struct Parameter {
     of: fn(&mut PhysicsSpec) -> &mut f64,
 }
 
-const PARAMETERS: [Parameter; 3] = [
+const PARAMETERS: [Parameter; 4] = [
     Parameter { name: "motor_noise", range: 0.0..=10.0, of: |physics| &mut physics.motor_noise },
     Parameter { name: "damping", range: 0.0..=1.0, of: |physics| &mut physics.damping },
     Parameter { name: "mass", range: 0.01..=100.0, of: |physics| &mut physics.mass },
+    Parameter { name: "wind", range: 0.0..=10.0, of: |physics| &mut physics.wind },
 ];
 
 impl Default for PhysicsSpec {
     fn default() -> PhysicsSpec {
-        PhysicsSpec { motor_noise: 0.0, damping: 0.25, mass: 1.0 }
+        PhysicsSpec { motor_noise: 0.0, damping: 0.25, mass: 1.0, wind: 0.0 }
     }
 }
 
@@ -55,11 +59,12 @@ impl PhysicsSpec {
     }
 }
 
-/// All parameters, as they are read.
+/// All parameters, as they are read. Those of old are always there; wind is, if there is any.
 impl fmt::Display for PhysicsSpec {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let PhysicsSpec { motor_noise, damping, mass } = self;
-        write!(f, "motor_noise={motor_noise},damping={damping},mass={mass}")
+        let PhysicsSpec { motor_noise, damping, mass, wind } = self;
+        write!(f, "motor_noise={motor_noise},damping={damping},mass={mass}")?;
+        if *wind > 0.0 { write!(f, ",wind={wind}") } else { Ok(()) }
     }
 }
 
@@ -124,8 +129,8 @@ mod tests {
     #[test]
     fn it_comes_back_from_its_text() {
         let physics: PhysicsSpec = "mass=1.2, motor_noise=0.3".parse().unwrap();
-        assert_eq!(physics, PhysicsSpec { motor_noise: 0.3, damping: 0.25, mass: 1.2 });
-        for physics in [physics, PhysicsSpec::default(), "damping=1e-3".parse().unwrap()] {
+        assert_eq!(physics, PhysicsSpec { motor_noise: 0.3, mass: 1.2, ..PhysicsSpec::default() });
+        for physics in [physics, PhysicsSpec::default(), "wind=1.5,damping=1e-3".parse().unwrap()] {
             assert_eq!(physics.to_string().parse::<PhysicsSpec>().unwrap(), physics);
             let json = serde_json::to_string(&physics).unwrap();
             assert_eq!(json, format!("\"{physics}\""));
@@ -139,11 +144,11 @@ mod tests {
 
     #[test]
     fn every_parameter_is_read_from_its_own_name() {
-        for (at, name) in ["motor_noise", "damping", "mass"].iter().enumerate() {
+        for (at, name) in ["motor_noise", "damping", "mass", "wind"].iter().enumerate() {
             let physics: PhysicsSpec = format!("{name}=0.5").parse().unwrap();
-            let mut expected = [0.0, 0.25, 1.0];
+            let mut expected = [0.0, 0.25, 1.0, 0.0];
             expected[at] = 0.5;
-            assert_eq!([physics.motor_noise, physics.damping, physics.mass], expected);
+            assert_eq!([physics.motor_noise, physics.damping, physics.mass, physics.wind], expected);
             assert!(!physics.is_default() && physics.if_other().contains(&format!("{name}=0.5")));
         }
     }
@@ -154,7 +159,7 @@ mod tests {
             ("", "expected NAME=VALUE"),
             ("damping", "expected NAME=VALUE"),
             ("dampng=0.3", "did you mean `damping`?"),
-            ("wind=1", "physics has no `wind`; there are motor_noise, damping, mass"),
+            ("gravity=1", "physics has no `gravity`; there are motor_noise, damping, mass, wind"),
             ("damping=1.5", "`damping` is \"1.5\", expected a number from 0 to 1"),
             ("mass=0", "expected a number from 0.01 to 100"),
             ("motor_noise=NaN", "expected a number from 0 to 10"),

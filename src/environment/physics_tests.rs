@@ -4,10 +4,11 @@ use super::*;
 use crate::base::rng::{Draws, Purpose};
 use crate::base::stats::{mean, std};
 
-/// So many worlds of each task with this physics.
+/// Each task in which nothing happens by chance, with this physics.
 fn tasks(physics: &str) -> Vec<Task> {
     let physics = physics.parse().unwrap();
-    Task::all().into_iter().map(|task| task.with_physics(physics).unwrap()).collect()
+    let steady = Task::all().into_iter().filter(|task| task.chance() == 0.0);
+    steady.map(|task| task.with_physics(physics).unwrap()).collect()
 }
 
 /// The actions of a team that all push along the same axis, or do not push.
@@ -141,8 +142,8 @@ fn motor_noise_does_not_depend_on_other_worlds() {
 
 #[test]
 fn what_is_named_like_the_default_changes_nothing() {
-    let named = tasks("motor_noise=0,damping=0.25,mass=1");
-    for (plain, named) in Task::all().iter().zip(named) {
+    let named = tasks("motor_noise=0,damping=0.25,mass=1,wind=0");
+    for (plain, named) in tasks("mass=1").iter().zip(named) {
         let [mut plain, mut named] = [plain.environment(1), named.environment(1)];
         for world in [&mut plain, &mut named] {
             world.reset(0, 2, 1).unwrap();
@@ -159,4 +160,46 @@ fn what_is_named_like_the_default_changes_nothing() {
             assert_eq!(plain.state(0), named.state(0));
         }
     }
+}
+
+#[test]
+fn wind_pushes_all_who_move_alike_and_is_that_of_its_address() {
+    for task in tasks("wind=0.5,mass=2") {
+        let (spec, mut batch) = (task.spec(), task.environment(2));
+        let mut alone = task.environment(1);
+        (0..2).for_each(|at| batch.reset(at, 5, 20 + at as u64).unwrap());
+        alone.reset(0, 5, 21).unwrap();
+        let still = vec![0; 2 * spec.n_agents() * spec.action_width()];
+        let mut outcome = Outcome::of(2, spec.n_agents());
+        for _ in 0..3 {
+            batch.step(&still, &[true; 2], &mut outcome).unwrap();
+            step(&mut *alone, false);
+        }
+        assert_eq!(batch.state(1), alone.state(0), "{}", task.id());
+        spread_out(&mut *alone);
+        step(&mut *alone, false);
+        let velocities = alone.state(0).velocities;
+        let pushed = |velocity: &&DVec2| **velocity != DVec2::ZERO;
+        let movable = usize::from(task.id() != "speaker-listener") * spec.n_agents();
+        assert_eq!(velocities.iter().filter(pushed).count(), movable.max(1), "{}", task.id());
+        let moving: Vec<&DVec2> = velocities.iter().filter(pushed).collect();
+        assert!(moving.iter().all(|velocity| **velocity == *moving[0]), "{} {velocities:?}", task.id());
+    }
+}
+
+#[test]
+fn noise_and_wind_come_on_top_of_those_of_a_task() {
+    let task =
+        |physics: &str| Task::parse("rendezvous-3").unwrap().with_physics(physics.parse().unwrap()).unwrap();
+    assert!((task("mass=1").chance() - 1f64.hypot(0.8)).abs() < 1e-15);
+    assert!((task("wind=0.5,motor_noise=2").chance() - (1.0f64 + 0.64 + 0.25 + 4.0).sqrt()).abs() < 1e-15);
+    let after = |physics: &str| {
+        let mut world = task(physics).environment(1);
+        world.reset(0, 1, 1).unwrap();
+        step(&mut *world, false);
+        world.state(0).velocities[0]
+    };
+    // The same gust, of strength 1, 1.25 and 1.5.
+    let [one, stronger, strongest] = ["mass=1", "wind=0.75", "wind=1.118033988749895"].map(after);
+    assert!(one != stronger && (strongest - one - 2.0 * (stronger - one)).length() < 1e-12);
 }

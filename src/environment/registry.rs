@@ -1,7 +1,7 @@
 //! The registry of environments: families of tasks and what they are called.
 
 use super::family::{Family, Named};
-use super::{hear_see, simple_spread, speaker_listener, spread};
+use super::{hear_see, predator_prey, rendezvous, scout, simple_spread, speaker_listener, spread};
 use crate::base::error::{Error, Result};
 use crate::base::nearest::nearest;
 use crate::base::rng::MAX_AGENTS;
@@ -16,6 +16,9 @@ pub(super) static FAMILIES: &[&Family] = &[
     &spread::BLINDFOLD,
     &simple_spread::DISCRETE,
     &simple_spread::CONTINUOUS,
+    &predator_prey::FAMILY,
+    &scout::FAMILY,
+    &rendezvous::FAMILY,
 ];
 
 /// The family, the id and the team size that `name` stands for.

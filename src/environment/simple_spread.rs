@@ -7,14 +7,16 @@
 use glam::{DVec2, dvec2};
 
 use super::family::{AnySize, Family, named};
+use super::moment::Moment;
 use super::motor::Motors;
 use super::point_mass::{Plane, write};
+use super::wind::Wind;
 use super::{
     About, ActionSpace, Actions, AgentSpec, Axis, Body, End, Environment, PaperSetting, Physics, PhysicsSpec,
     Spec, State, TeamReward, Value, World, Worlds,
 };
 use crate::base::error::Result;
-use crate::base::rng::{Draws, Purpose};
+use crate::base::rng::Purpose;
 
 pub(super) const DISCRETE: Family = Family {
     summary: "PettingZoo's simple_spread_v3: everybody sees everybody; they cover all landmarks without colliding",
@@ -22,6 +24,7 @@ pub(super) const DISCRETE: Family = Family {
     any_size: Some(AnySize { prefix: "simple-spread-", group: 1 }),
     spec: |id, n_agents| spec(id, n_agents, ActionSpace::Discrete(5)),
     worlds: worlds::<Choice>,
+    chance: 0.0,
 };
 
 pub(super) const CONTINUOUS: Family = Family {
@@ -30,6 +33,7 @@ pub(super) const CONTINUOUS: Family = Family {
     any_size: Some(AnySize { prefix: "simple-spread-continuous-", group: 1 }),
     spec: |id, n_agents| spec(id, n_agents, ActionSpace::Box { low: vec![0.0; 5], high: vec![1.0; 5] }),
     worlds: worlds::<Push>,
+    chance: 0.0,
 };
 
 /// The share of an agent's reward that is its own; the rest is the team's.
@@ -87,6 +91,7 @@ fn spec(id: &str, n_agents: usize, actions: ActionSpace) -> Spec {
         unique: 6 * n_agents,
         common: Vec::new(),
         landmarks: n_agents,
+        targets: 0,
         episode_steps: 25,
         dt: physics(n_agents).dt,
         team_reward: TeamReward::Sum,
@@ -107,7 +112,9 @@ fn worlds<T: Thrust>(spec: &Spec, physics: &PhysicsSpec, worlds: usize) -> Box<d
 struct SimpleSpread<T> {
     plane: Plane,
     physics: Physics,
+    moment: Moment,
     motors: Motors,
+    wind: Wind,
     forces: Vec<DVec2>,
     thrust: std::marker::PhantomData<T>,
 }
@@ -116,16 +123,24 @@ impl<T: Thrust> SimpleSpread<T> {
     fn new(spec: &Spec, laws: &PhysicsSpec) -> SimpleSpread<T> {
         let n = spec.n_agents();
         let physics = physics(n).under(laws);
-        let (motors, thrust) = (Motors::of(&physics), std::marker::PhantomData);
-        SimpleSpread { plane: Plane::of(n, n), physics, motors, forces: vec![DVec2::ZERO; n], thrust }
+        SimpleSpread {
+            plane: Plane::of(n, n, 0),
+            moment: Moment::default(),
+            motors: Motors::of(&physics),
+            wind: Wind::of(&physics),
+            physics,
+            forces: vec![DVec2::ZERO; n],
+            thrust: std::marker::PhantomData,
+        }
     }
 }
 
 impl<T: Thrust> World for SimpleSpread<T> {
     /// All at rest, everything uniform in `[-1, 1]^2`, drawn as in the other tasks.
     fn reset(&mut self, seed: u64, episode: u64) -> Result<()> {
-        self.plane.scatter(&mut Draws::new(seed, Purpose::Reset, episode, 0));
-        self.motors.begin(seed, episode);
+        self.moment = Moment::first(seed, episode);
+        self.plane.scatter(&mut self.moment.draws(Purpose::Reset));
+        self.wind.begin(self.moment);
         Ok(())
     }
 
@@ -146,11 +161,13 @@ impl<T: Thrust> World for SimpleSpread<T> {
 
     /// Bodies move with the velocities they have, and only then are these changed.
     fn step(&mut self, actions: Actions, rewards: &mut [f64]) -> Result<End> {
-        let SimpleSpread { plane, physics, motors, forces, .. } = self;
+        let SimpleSpread { plane, physics, moment, motors, wind, forces, .. } = self;
         for (agent, force) in forces.iter_mut().enumerate() {
             *force = T::of(actions.of(agent)) * physics.force;
         }
-        motors.shake(forces);
+        motors.shake(*moment, forces);
+        wind.blow(*moment, forces);
+        moment.pass();
         physics.add_contact_forces(&plane.positions, forces);
         let moving = plane.positions.iter_mut().zip(&mut plane.velocities);
         for ((position, velocity), (force, body)) in moving.zip(forces.iter().zip(&physics.bodies)) {

@@ -13,6 +13,7 @@ pub(super) const FAMILY: Family = Family {
     any_size: None,
     spec,
     worlds: worlds::<SpeakerListener>,
+    chance: 0.0,
 };
 
 const N_AGENTS: usize = 2;
@@ -46,6 +47,7 @@ fn spec(id: &str, _n_agents: usize) -> Spec {
         unique: PADDED_OBS_DIM,
         common: Vec::new(),
         landmarks: N_LANDMARKS,
+        targets: 0,
         episode_steps: 25,
         dt: SpeakerListener::physics(N_AGENTS).dt,
         team_reward: TeamReward::SumForEach,

@@ -20,6 +20,9 @@ pub struct Spec {
     pub common: Vec<Value>,
     /// Landmarks in a world.
     pub landmarks: usize,
+    /// Bodies in a world that move and are not of the team: what it looks for, or hunts.
+    #[serde(default)]
+    pub targets: usize,
     /// Steps of the longest episode: a time limit, which is no end of the world.
     pub episode_steps: usize,
     /// Length of a step, s.
@@ -79,6 +82,8 @@ pub struct Value {
 pub enum About {
     /// An agent's: it changes as that agent moves.
     Agent(usize),
+    /// That of a body with this number that is not of the team, and moves by itself.
+    Target(usize),
     /// A landmark's, which stays as it is for an episode.
     Landmark,
     /// What somebody said.
@@ -140,6 +145,7 @@ impl Spec {
             agents,
             common: Vec::new(),
             landmarks: 0,
+            targets: 0,
             episode_steps: 25,
             dt: 0.1,
             team_reward: TeamReward::Sum,

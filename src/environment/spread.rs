@@ -18,6 +18,7 @@ pub(super) const XY: Family = Family {
     any_size: Some(AnySize { prefix: "spread-xy-", group: 2 }),
     spec: spec_xy,
     worlds: worlds::<Xy>,
+    chance: 0.0,
 };
 
 pub(super) const BLINDFOLD: Family = Family {
@@ -33,6 +34,7 @@ pub(super) const BLINDFOLD: Family = Family {
     any_size: Some(AnySize { prefix: "spread-blindfold-", group: 1 }),
     spec: spec_blindfold,
     worlds: worlds::<Blindfold>,
+    chance: 0.0,
 };
 
 /// The dims of an observation that are the agent's own; the landmarks behind them are the same for all.
@@ -89,6 +91,7 @@ fn spec(id: &str, n_agents: usize, paper: PaperSetting, observation: impl Fn(usi
         unique: UNIQUE_DIM,
         common: landmark.repeat(n_agents),
         landmarks: n_agents,
+        targets: 0,
         episode_steps: 25,
         dt: Xy::physics(n_agents).dt,
         team_reward: TeamReward::SumForEach,

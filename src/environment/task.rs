@@ -16,6 +16,8 @@ pub struct Task {
     summary: &'static str,
     aliases: &'static [&'static str],
     physics: PhysicsSpec,
+    /// See [`Task::chance`]: without what physics says.
+    chance: f64,
     worlds: Maker,
 }
 
@@ -53,7 +55,7 @@ impl Task {
         worlds: impl Fn(&Spec, usize) -> Box<dyn Environment> + Send + Sync + 'static,
     ) -> Task {
         let (physics, worlds) = (PhysicsSpec::default(), Maker::Other(Arc::new(worlds)));
-        Task { spec, summary: "", aliases: &[], physics, worlds }
+        Task { spec, summary: "", aliases: &[], physics, chance: 0.0, worlds }
     }
 
     fn of(family: &Family, id: &str, n_agents: usize) -> Task {
@@ -62,6 +64,7 @@ impl Task {
             summary: family.summary,
             aliases: registry::aliases(id),
             physics: PhysicsSpec::default(),
+            chance: family.chance,
             worlds: Maker::PointMass(family.worlds),
         }
     }
@@ -116,6 +119,12 @@ impl Task {
     /// Its physics; the default for an environment of its own.
     pub fn physics(&self) -> &PhysicsSpec {
         &self.physics
+    }
+
+    /// Standard deviation of the force that pushes an agent along an axis by chance, whatever it does, in units of a full
+    /// push.
+    pub(crate) fn chance(&self) -> f64 {
+        self.chance.hypot(self.physics.motor_noise).hypot(self.physics.wind)
     }
 
     /// So many worlds of it.

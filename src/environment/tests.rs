@@ -41,7 +41,7 @@ fn an_episode_starts_where_its_address_says() {
     for mut world in worlds() {
         let (agents, width) = (world.spec().n_agents(), world.spec().action_width());
         world.reset(0, 7, 3).unwrap();
-        let (first, State { positions, velocities, landmarks, goal }) = (bits(&*world), world.state(0));
+        let (first, State { positions, velocities, landmarks, goal, .. }) = (bits(&*world), world.state(0));
         let everywhere = positions.iter().chain(&landmarks);
         assert!(everywhere.flat_map(|place| place.to_array()).all(|x| (-1.0..1.0).contains(&x)));
         assert!(velocities.iter().all(|&velocity| velocity == DVec2::ZERO));
@@ -88,6 +88,7 @@ fn the_listener_hears_and_both_are_paid_for_the_goal() {
         velocities: vec![DVec2::ZERO; 2],
         landmarks: vec![DVec2::X, DVec2::Y, DVec2::NEG_X],
         goal: Some(2),
+        ..State::default()
     };
     world.set_state(0, &state, None).unwrap();
     let seen = observe(&mut *world);
@@ -116,7 +117,9 @@ fn a_state_of_another_task_is_refused() {
 fn agents_that_all_start_in_one_place_come_apart_and_stay_finite() {
     for mut world in worlds() {
         let Spec { episode_steps, agents, .. } = world.spec().clone();
-        let (n, spread) = (agents.len(), world.spec().id.contains("spread"));
+        // They push each other, or their motors are unsteady.
+        let part = ["spread", "predator", "rendezvous"].iter().any(|name| world.spec().id.contains(name));
+        let n = agents.len();
         let still = vec![0; n * world.spec().action_width()];
         for _ in 0..episode_steps {
             let rewards = step(&mut *world, &still);
@@ -124,7 +127,7 @@ fn agents_that_all_start_in_one_place_come_apart_and_stay_finite() {
             assert!(rewards.iter().all(|reward| reward.is_finite()));
         }
         let [first, last] = [world.positions(0)[0], world.positions(0)[n - 1]];
-        assert_eq!(first != last, spread && n > 1);
+        assert_eq!(first != last, part && n > 1);
     }
 }
 

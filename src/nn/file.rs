@@ -48,12 +48,12 @@ pub struct FileTensor {
     pub(super) start: usize,
 }
 
-/// How values are stored. Networks always run on f32.
+/// How values are stored. Networks always calculate in f32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
     /// f32: mapped, and used where it is.
     Full,
-    /// f16: half the size, for keeping; converted when a policy is opened.
+    /// f16: half the size, for keeping; mapped, and used where it is or converted, depending on the machine.
     Half,
 }
 
@@ -64,6 +64,13 @@ impl PolicyFile {
     /// `Usage` if there is no such file or it is not a policy of version 1, `Failed` if it is damaged.
     pub fn read(path: &Path) -> Result<PolicyFile> {
         PolicyFile::parse(&map(path)?, &path.display().to_string())
+    }
+
+    /// How all its values are stored, if they are stored alike.
+    pub(super) fn precision(&self) -> Option<Precision> {
+        let mut precisions = self.tensors.iter().map(|tensor| tensor.precision);
+        let first = precisions.next()?;
+        precisions.all(|other| other == first).then_some(first)
     }
 
     /// The number of weights and biases.

@@ -52,7 +52,7 @@ impl Inference {
             let tensors: Vec<_> = tensors.by_ref().take(layer.n_tensors()).cloned().collect();
             let sees_inputs = at == 0 || matches!(layer, Layer::Skip { .. });
             let ones = if sees_inputs { network.ones } else { 0 };
-            Weighted { layer, seen: tensors[0].values().len() - ones * layer.room(), tensors }
+            Weighted { layer, seen: tensors[0].len() - ones * layer.room(), tensors }
         };
         let layers = network.layers.iter().enumerate().map(of).collect();
         let lines = network.layers.iter().map(|layer| layer.room().div_ceil(Line::VALUES)).sum();
@@ -62,6 +62,12 @@ impl Inference {
     /// How many values of each row it is given.
     pub fn n_inputs(&self) -> usize {
         self.inputs
+    }
+
+    /// The same network where each row says whose it is: `acts` of [`step`](Inference::step) has the agent's id, if it sees
+    /// that.
+    pub(crate) fn by_row(&self) -> Inference {
+        Inference { id: None, ..self.clone() }
     }
 
     /// One step of `rows` episodes: `state` advances, and `out` `[rows, outputs]` becomes what the network makes of
@@ -97,17 +103,17 @@ impl Inference {
                 }
                 Layer::Gru(_) => {
                     state.look_ahead(rows, tensors);
-                    let [w_ih, _, b_ih, _] = values(tensors);
-                    kernels::linear(rows, x, w_ih, Start::Bias(b_ih), part);
+                    let [w_ih, _, b_ih, _] = each(tensors);
+                    product(rows, x, w_ih, Start::Bias(b_ih.values()), part);
                     kernels::gru_gates(rows, part, &state.second, &mut state.hidden);
                     state.is_ahead = false;
                     &state.hidden
                 }
                 Layer::Lstm(_) => {
-                    let [w_ih, w_hh, b_ih, b_hh] = values(tensors);
-                    kernels::linear(rows, x, w_ih, Start::Bias(b_ih), part);
-                    kernels::linear(rows, &state.hidden, w_hh, Start::Output, part);
-                    kernels::lstm_gates(rows, part, b_hh, &mut state.hidden, &mut state.second);
+                    let [w_ih, w_hh, b_ih, b_hh] = each(tensors);
+                    product(rows, x, w_ih, Start::Bias(b_ih.values()), part);
+                    product(rows, &state.hidden, w_hh, Start::Output, part);
+                    kernels::lstm_gates(rows, part, b_hh.values(), &mut state.hidden, &mut state.second);
                     &state.hidden
                 }
                 Layer::Skip { .. } => unreachable!("a skip is the last layer"),
@@ -123,11 +129,10 @@ impl Inference {
     /// row of the weight and zeros all others, so adding that row last is bit-identical to the whole product.
     fn linear(&self, rows: usize, x: &[f32], acts: &[usize], weighted: &Weighted, y: &mut [f32]) {
         let Weighted { tensors, seen, .. } = weighted;
-        let (weight, of_ones) = tensors[0].values().split_at(*seen);
         let start = tensors.get(1).map_or(Start::Output, |bias| Start::Bias(bias.values()));
-        kernels::linear(rows, x, weight, start, y);
-        if !of_ones.is_empty() {
-            let outputs = y.len() / rows;
+        product(rows, x, &tensors[0], start, y);
+        if *seen < tensors[0].len() {
+            let (of_ones, outputs) = (&tensors[0].values()[*seen..], y.len() / rows);
             assert!(self.id.is_some() || acts.len() == rows, "every row has its act");
             for (row, y) in y.chunks_exact_mut(outputs).enumerate() {
                 let one = self.id.unwrap_or_else(|| acts[row]);
@@ -206,8 +211,8 @@ impl CellState {
     /// Computes what a GRU's next step takes of its state alone, unless that has been done.
     fn look_ahead(&mut self, rows: usize, tensors: &[Tensor]) {
         if !self.is_ahead {
-            let [_, w_hh, _, b_hh] = values(tensors);
-            kernels::linear(rows, &self.hidden, w_hh, Start::Bias(b_hh), &mut self.second);
+            let [_, w_hh, _, b_hh] = each(tensors);
+            product(rows, &self.hidden, w_hh, Start::Bias(b_hh.values()), &mut self.second);
             self.is_ahead = true;
         }
     }
@@ -224,8 +229,23 @@ impl Layer {
     }
 }
 
-fn values<const N: usize>(tensors: &[Tensor]) -> [&[f32]; N] {
-    std::array::from_fn(|at| tensors[at].values())
+fn each<const N: usize>(tensors: &[Tensor]) -> [&Tensor; N] {
+    std::array::from_fn(|at| &tensors[at])
+}
+
+/// Rows from which on a product is more about arithmetic than about reading its weight.
+const MANY: usize = 4;
+
+/// `y = x @ weight + start`, of the rows of the weight that meet `x`. Of few rows it reads f16 where the weight is that:
+/// half as much, and the same bits.
+fn product(rows: usize, x: &[f32], weight: &Tensor, start: Start, y: &mut [f32]) {
+    let size = if rows == 0 { 0 } else { x.len() / rows * (y.len() / rows) };
+    match weight.halves() {
+        Some(halves) if rows < MANY && kernels::take_halves() => {
+            kernels::linear_of_halves(rows, x, &halves[..size], start, y);
+        }
+        _ => kernels::linear(rows, x, &weight.values()[..size], start, y),
+    }
 }
 
 /// Memory for what lies between the layers of a forward pass.

@@ -18,6 +18,9 @@ pub struct Meta {
 }
 
 impl Meta {
+    /// The algorithm of a file that holds an imputer, fitted to the play of a team from elsewhere, and no actors to speak of.
+    pub const IMPUTER: &str = "fit-imputer";
+
     /// For a policy that this program makes for `task` in a run with `seed`, before any training.
     pub fn new(task: &str, seed: u64) -> Meta {
         Meta {

@@ -2,6 +2,7 @@
 
 use super::file::{self, PolicyFile, Precision};
 use super::inference::Inference;
+use super::kernels;
 use super::meta::Meta;
 use super::network::{Network, TensorSpec};
 use super::networks::{Networks, Sharing};
@@ -31,7 +32,7 @@ pub struct Policy {
 
 impl Policy {
     /// The policy in the file at `path`. Its weights are mapped, not copied: they are in memory once for all
-    /// processes that open the file. (Those stored as f16 have to be converted, and are not.)
+    /// processes that open the file.
     ///
     /// # Errors
     /// `Usage` if there is no such file, or it is not a policy, or one for another task; `Failed` if it is
@@ -50,10 +51,10 @@ impl Policy {
         let map = file::map(path)?;
         let source = path.display().to_string();
         let file = PolicyFile::parse(&map, &source)?;
-        if file.tensors.iter().any(|tensor| tensor.precision == Precision::Half) {
+        let Some(precision) = file.precision() else {
             return Policy::converted(file, &map, dims, &source);
-        }
-        let storage = Storage::mapped(map, file.data);
+        };
+        let storage = Storage::mapped(map, file.data, precision);
         Policy::from_file(file, storage, dims, &source)
     }
 
@@ -65,10 +66,10 @@ impl Policy {
     pub(crate) fn from_static(bytes: &'static [u8], dims: &Dims) -> Result<Policy> {
         let source = "the embedded policy";
         let file = PolicyFile::parse(bytes, source)?;
-        if file.tensors.iter().any(|tensor| tensor.precision == Precision::Half) {
+        let Some(precision) = file.precision() else {
             return Policy::converted(file, bytes, dims, source)?.checked(source);
-        }
-        let storage = Storage::from_static(&bytes[file.data..]);
+        };
+        let storage = Storage::from_static(&bytes[file.data..], precision);
         Policy::from_file(file, storage, dims, source)?.checked(source)
     }
 
@@ -109,7 +110,7 @@ impl Policy {
         });
         let (storage, ranges) = Storage::copy(parts);
         let storage = Arc::new(storage);
-        let tensors = ranges.into_iter().map(|range| Tensor::new(storage.clone(), range));
+        let tensors = ranges.into_iter().map(|range| Tensor::new(storage.clone(), range, Precision::Full));
         let tensors = specs.into_iter().zip(tensors).collect();
         Policy::assemble(dims, meta, networks, tensors).checked("the new policy")
     }
@@ -152,6 +153,12 @@ impl Policy {
         Ok(Policy { dynamics: self.dynamics.clone(), ..policy })
     }
 
+    /// This policy, of which that is said.
+    #[cfg(feature = "python")]
+    pub(crate) fn with_meta(self, meta: Meta) -> Policy {
+        Policy { meta, ..self }
+    }
+
     /// This policy with the dynamics of the environment that it is for.
     pub(crate) fn with_dynamics(self, dynamics: Dynamics) -> Policy {
         Policy { dynamics: Some(dynamics), ..self }
@@ -184,9 +191,21 @@ impl Policy {
         file::write(path, (&self.meta, &self.networks, self.dynamics.as_ref()), precision, tensors)
     }
 
-    /// Whether its weights are in memory once for all processes that open it: mapped, or part of the program.
+    /// As [`save`](Policy::save), for processes that run it on this machine: as f16 if it is, and networks run on that.
+    ///
+    /// # Errors
+    /// `Failed` if it cannot be written.
+    pub(crate) fn save_copy(&self, path: &Path) -> Result<()> {
+        let is_half = self.tensors.iter().all(|(_, tensor)| tensor.halves().is_some());
+        let precision = if is_half && kernels::take_halves() { Precision::Half } else { Precision::Full };
+        self.write(path, precision)
+    }
+
+    /// Whether its weights are in memory once for all processes that run it: mapped, or part of the program, and not to be
+    /// converted.
     pub(crate) fn is_shared(&self) -> bool {
-        self.tensors.iter().all(|(_, tensor)| tensor.storage.is_shared())
+        let in_place = |tensor: &Tensor| kernels::take_halves() || tensor.halves().is_none();
+        self.tensors.iter().all(|(_, tensor)| tensor.storage.is_shared() && in_place(tensor))
     }
 
     /// The actor of this agent, which must be one of the task's.
@@ -279,7 +298,7 @@ impl Policy {
         start..start + length
     }
 
-    /// The policy in the `bytes` of a file that is not all f32, in memory of its own.
+    /// The policy in the `bytes` of a file of both f32 and f16, in memory of its own.
     fn converted(mut file: PolicyFile, bytes: &[u8], dims: &Dims, source: &str) -> Result<Policy> {
         let values = file.tensors.iter().map(|tensor| tensor.values(&bytes[file.data..]));
         let values: Vec<Vec<f32>> = values.collect();
@@ -313,9 +332,9 @@ impl Policy {
                 let (found, expected) = (&tensor.shape, &spec.shape);
                 return Err(failed!("{source}: tensor {} is {found:?}, expected {expected:?}", spec.name));
             }
-            let start = tensor.start / size_of::<f32>();
+            let start = tensor.start / tensor.precision.bytes();
             let range = start..start + spec.n_values();
-            tensors.push((spec, Tensor::new(storage.clone(), range)));
+            tensors.push((spec, Tensor::new(storage.clone(), range, tensor.precision)));
         }
         Ok(Policy { dynamics, ..Policy::assemble(dims, meta, networks, tensors) })
     }
@@ -323,8 +342,7 @@ impl Policy {
     /// This policy, unless one of its values is not finite.
     fn checked(self, source: &str) -> Result<Policy> {
         for (spec, tensor) in self.tensors() {
-            if let Some(at) = tensor.values().iter().position(|value| !value.is_finite()) {
-                let value = tensor.values()[at];
+            if let Some((at, value)) = tensor.find_not_finite() {
                 return Err(failed!(
                     "{source}: tensor {} holds {value} at {at}, expected a number",
                     spec.name

@@ -1,6 +1,7 @@
 //! The predictor: what the joint observation will change by, step after step.
 
 use super::Dims;
+use super::file::Precision;
 use super::inference::{Inference, NetworkState, Scratch};
 use super::networks::{Input, PredictorSpec};
 use super::weights::{Storage, Tensor};
@@ -53,7 +54,8 @@ impl Predictor {
             .map(|tensor| rest.split_off(..tensor.n_values()).expect("there are values for every tensor"));
         let (storage, ranges) = Storage::copy(parts);
         let storage = Arc::new(storage);
-        let tensors: Vec<_> = ranges.into_iter().map(|range| Tensor::new(storage.clone(), range)).collect();
+        let tensor = |range| Tensor::new(storage.clone(), range, Precision::Full);
+        let tensors: Vec<_> = ranges.into_iter().map(tensor).collect();
         let network = Inference::new(&network, None, tensors.iter());
         Predictor { spec: spec.clone(), network, dims: dims.clone() }
     }

@@ -1,8 +1,10 @@
-//! Where weights live: flat f32 memory, owned or mapped, that tensors are ranges of.
+//! Where weights live: flat memory, owned or mapped, that tensors are ranges of.
 
+use super::file::Precision;
+use half::f16;
 use memmap2::Mmap;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 // Policy files are little-endian, and mapped weights are used as they lie there.
 const _: () = assert!(cfg!(target_endian = "little"), "policy files need a little-endian machine");
@@ -11,19 +13,51 @@ const _: () = assert!(cfg!(target_endian = "little"), "policy files need a littl
 #[derive(Clone, Debug)]
 pub struct Tensor {
     pub(super) storage: Arc<Storage>,
+    /// Counted in values.
     range: Range<usize>,
+    precision: Precision,
+    /// The values of f16 as f32, once somebody has asked for them.
+    widened: Arc<OnceLock<Storage>>,
 }
 
 impl Tensor {
     /// The tensor in `range` (counted in values) of `storage`, which must hold it.
-    pub(super) fn new(storage: Arc<Storage>, range: Range<usize>) -> Tensor {
-        assert!(range.end <= storage.values().len(), "a tensor lies inside its storage");
-        Tensor { storage, range }
+    pub(super) fn new(storage: Arc<Storage>, range: Range<usize>, precision: Precision) -> Tensor {
+        assert!(range.end * precision.bytes() <= storage.bytes().len(), "a tensor lies inside its storage");
+        Tensor { storage, range, precision, widened: Arc::default() }
     }
 
-    /// The values, row-major.
+    /// The number of values.
+    pub(super) fn len(&self) -> usize {
+        self.range.len()
+    }
+
+    /// The values, row-major. Those that are stored as f16 are converted when they are first asked for.
     pub fn values(&self) -> &[f32] {
-        &self.storage.values()[self.range.clone()]
+        match self.halves() {
+            None => &bytemuck::cast_slice(self.storage.bytes())[self.range.clone()],
+            Some(halves) => {
+                bytemuck::cast_slice(self.widened.get_or_init(|| Storage::widened(halves)).bytes())
+            }
+        }
+    }
+
+    /// The bits of the values, if they are stored as f16.
+    pub(super) fn halves(&self) -> Option<&[u16]> {
+        let is_half = self.precision == Precision::Half;
+        is_half.then(|| &bytemuck::cast_slice(self.storage.bytes())[self.range.clone()])
+    }
+
+    /// Where the first value is that is not finite, and the value.
+    pub(super) fn find_not_finite(&self) -> Option<(usize, f32)> {
+        let not_finite = |(_, value): &(usize, f32)| !value.is_finite();
+        match self.halves() {
+            None => self.values().iter().copied().enumerate().find(not_finite),
+            Some(halves) => {
+                let values = halves.iter().map(|bits| f16::from_bits(*bits).to_f32());
+                values.enumerate().find(not_finite)
+            }
+        }
     }
 
     /// Takes its new values from the front of `values`: in place if the memory is this tensor's alone, else in new
@@ -31,26 +65,26 @@ impl Tensor {
     pub(super) fn renew(&mut self, values: &mut &[f32]) {
         let new = values.split_off(..self.range.len()).expect("there are values for every tensor");
         match Arc::get_mut(&mut self.storage) {
-            Some(Storage::Owned { lines, len }) if *len == new.len() => {
+            Some(Storage::Owned { lines, bytes }) if *bytes == size_of_val(new) => {
                 bytemuck::cast_slice_mut(lines)[self.range.clone()].copy_from_slice(new);
             }
             _ => {
                 let (storage, _) = Storage::copy(std::iter::once(new));
-                *self = Tensor::new(Arc::new(storage), 0..new.len());
+                *self = Tensor::new(Arc::new(storage), 0..new.len(), Precision::Full);
             }
         }
     }
 }
 
-/// Flat memory full of f32.
+/// Flat memory full of values.
 #[derive(Debug)]
 pub(super) enum Storage {
-    /// Memory of this process. `len` values, the rest is padding.
-    Owned { lines: Vec<Line>, len: usize },
+    /// Memory of this process. So many `bytes`, the rest is padding.
+    Owned { lines: Vec<Line>, bytes: usize },
     /// A file's pages, shared with every process that maps it; values start at byte `start`.
     Mapped { map: Mmap, start: usize },
     /// Values that are part of the program.
-    Static(&'static [f32]),
+    Static(&'static [u8]),
 }
 
 impl Storage {
@@ -64,23 +98,21 @@ impl Storage {
             bytemuck::cast_slice_mut(&mut lines)[start..len].copy_from_slice(values);
             ranges.push(start..len);
         }
-        (Storage::Owned { lines, len }, ranges)
+        (Storage::Owned { lines, bytes: len * size_of::<f32>() }, ranges)
     }
 
-    /// The values from byte `start` of a mapped file; copied if they do not lie where f32 may lie.
-    pub(super) fn mapped(map: Mmap, start: usize) -> Storage {
-        match bytemuck::try_cast_slice::<u8, f32>(&map[start..]) {
-            Ok(_) => Storage::Mapped { map, start },
-            Err(_) => Storage::copy_of_bytes(&map[start..]),
+    /// The values from byte `start` of a mapped file; copied if they do not lie where such values may lie.
+    pub(super) fn mapped(map: Mmap, start: usize, precision: Precision) -> Storage {
+        if precision.fits(&map[start..]) {
+            Storage::Mapped { map, start }
+        } else {
+            Storage::copy_of_bytes(&map[start..])
         }
     }
 
-    /// The values in `bytes`; copied if they do not lie where f32 may lie.
-    pub(super) fn from_static(bytes: &'static [u8]) -> Storage {
-        match bytemuck::try_cast_slice(bytes) {
-            Ok(values) => Storage::Static(values),
-            Err(_) => Storage::copy_of_bytes(bytes),
-        }
+    /// The values in `bytes`; copied if they do not lie where such values may lie.
+    pub(super) fn from_static(bytes: &'static [u8], precision: Precision) -> Storage {
+        if precision.fits(bytes) { Storage::Static(bytes) } else { Storage::copy_of_bytes(bytes) }
     }
 
     /// Whether it is in memory once, however many processes use it.
@@ -91,14 +123,38 @@ impl Storage {
     fn copy_of_bytes(bytes: &[u8]) -> Storage {
         let mut lines = vec![Line::ZERO; bytes.len().div_ceil(Line::BYTES)];
         bytemuck::cast_slice_mut(&mut lines)[..bytes.len()].copy_from_slice(bytes);
-        Storage::Owned { lines, len: bytes.len() / size_of::<f32>() }
+        Storage::Owned { lines, bytes: bytes.len() }
     }
 
-    fn values(&self) -> &[f32] {
+    /// These values of f16 as f32.
+    fn widened(halves: &[u16]) -> Storage {
+        let values: Vec<f32> = halves.iter().map(|bits| f16::from_bits(*bits).to_f32()).collect();
+        Storage::copy(std::iter::once(&values[..])).0
+    }
+
+    fn bytes(&self) -> &[u8] {
         match self {
-            Storage::Owned { lines, len } => &bytemuck::cast_slice(lines)[..*len],
-            Storage::Mapped { map, start } => bytemuck::cast_slice(&map[*start..]),
-            Storage::Static(values) => values,
+            Storage::Owned { lines, bytes } => &bytemuck::cast_slice(lines)[..*bytes],
+            Storage::Mapped { map, start } => &map[*start..],
+            Storage::Static(bytes) => bytes,
+        }
+    }
+}
+
+impl Precision {
+    /// The size of a value.
+    pub(super) fn bytes(self) -> usize {
+        match self {
+            Precision::Full => size_of::<f32>(),
+            Precision::Half => size_of::<f16>(),
+        }
+    }
+
+    /// Whether such values may lie where these bytes do.
+    fn fits(self, bytes: &[u8]) -> bool {
+        match self {
+            Precision::Full => bytemuck::try_cast_slice::<u8, f32>(bytes).is_ok(),
+            Precision::Half => bytemuck::try_cast_slice::<u8, u16>(bytes).is_ok(),
         }
     }
 }

@@ -208,17 +208,19 @@ impl Arena {
         read
     }
 
-    /// Where agents and landmarks are, how fast agents move, and the landmark that is the goal, in a world of one of our
-    /// tasks.
+    /// Where agents are, where landmarks and then targets are, how fast agents move, and the landmark that is the goal, in a
+    /// world of one of our tasks.
     fn state(&self, world: usize) -> PyResult<(Pairs, Pairs, Pairs, Option<usize>)> {
         let play = self.play()?;
         if world >= play.worlds() {
             return Err(PyValueError::new_err(format!("there is no world {world}")));
         }
-        let State { positions, velocities, landmarks, goal } = play.stage().environment().state(world);
+        let State { positions, velocities, landmarks, targets, goal } =
+            play.stage().environment().state(world);
+        let places = landmarks.into_iter().chain(targets.iter().map(|target| target.position)).collect();
         let pairs =
             |vectors: Vec<DVec2>| -> Pairs { vectors.into_iter().map(|vector| vector.to_array()).collect() };
-        Ok((pairs(positions), pairs(landmarks), pairs(velocities), goal))
+        Ok((pairs(positions), pairs(places), pairs(velocities), goal))
     }
 }
 

@@ -5,8 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::DVec2;
 
 use crate::base::error::Result;
-use crate::base::rng::MAX_AGENTS;
-use crate::environment::{About, ActionSpace, AgentSpec, Environment, Outcome, Spec, State, Value};
+use crate::environment::{
+    About, ActionSpace, AgentSpec, Description, Environment, Outcome, Spec, State, Value,
+};
 use crate::{failed, usage};
 
 /// What the agents of one world observe is told from outside; all else happens there.
@@ -38,9 +39,6 @@ pub(super) fn described(
     values: Option<&str>,
     dt: Option<f64>,
 ) -> Result<Described> {
-    if !(1..=MAX_AGENTS).contains(&agents.len()) {
-        return Err(usage!("{name} has {} agents, and a team has 1 to {MAX_AGENTS}", agents.len()));
-    }
     let values = values.map(serde_json::from_str::<Vec<Vec<Value>>>).transpose();
     let values = values.map_err(|error| usage!("{name} describes its observations wrongly: {error}"))?;
     let agent = |(agent, (called, length)): (usize, &Observer)| AgentSpec {
@@ -52,30 +50,9 @@ pub(super) fn described(
         // What agents do is known where they live, and nowhere else.
         actions: ActionSpace::Discrete(1),
     };
-    let plain = Spec::of(name, agents.iter().enumerate().map(agent).collect());
-    for AgentSpec { name: observer, observation, .. } in &plain.agents {
-        for value in observation {
-            if let About::Agent(about) = value.about
-                && about >= agents.len()
-            {
-                return Err(usage!(
-                    "{name} says that {observer} observes a value about agent {about}, and the team has {}; they count \
-                     from 0",
-                    agents.len()
-                ));
-            }
-            if let Some((rate, _)) = value.rate
-                && rate >= observation.len()
-            {
-                return Err(usage!(
-                    "{name} says that value {rate} of what {observer} observes is a rate of change, and there are {} \
-                     values; they count from 0",
-                    observation.len()
-                ));
-            }
-        }
-    }
-    let spec = Spec { episode_steps: u32::MAX as usize, dt: dt.unwrap_or(plain.dt), ..plain };
+    let agents = agents.iter().enumerate().map(agent).collect();
+    let description = Description { id: name.to_owned(), agents, episode_steps: u32::MAX as usize, dt };
+    let spec = description.spec()?;
     Ok(Described { spec, moves: values.is_some(), tick: dt })
 }
 

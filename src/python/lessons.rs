@@ -10,7 +10,7 @@ use super::buffers::take;
 use super::elsewhere::{Observer, described};
 use super::errors::raised;
 use super::interrupt::interruptible;
-use super::play::nobody;
+use crate::agent::PolicySource;
 use crate::environment::Spec;
 use crate::nn::PredictorSpec;
 use crate::supervisor::signals;
@@ -32,7 +32,7 @@ impl Lessons {
         let lessons = || {
             let spec = described(name, &agents, None, None)?.spec;
             let predictor = PredictorSpec { held, skip: true, ..PredictorSpec::paper(FITTED) };
-            let lessons = train::Lessons::new(&nobody(&spec)?, predictor, seed);
+            let lessons = train::Lessons::new(&PolicySource::Nobody.load(&spec)?, predictor, seed);
             Ok(Lessons(Mutex::new(lessons), spec))
         };
         lessons().map_err(|error| raised(py, error))

@@ -8,6 +8,7 @@
 //! Team        a policy file  -> actions
 //! Evaluation  what was played -> statistics, report
 //! Lessons     what was played -> a predictor
+//! Host        an environment, hosted for a supervisor elsewhere
 //! command     the program `vamaro-swarm`
 //! ```
 //!
@@ -20,6 +21,7 @@ mod ears;
 mod elsewhere;
 mod errors;
 mod evaluation;
+mod host;
 mod interrupt;
 mod lessons;
 mod play;
@@ -34,6 +36,7 @@ fn _native(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_class::<arena::Arena>()?;
     module.add_class::<team::Team>()?;
     module.add_class::<evaluation::Evaluation>()?;
+    module.add_class::<host::Host>()?;
     module.add_class::<lessons::Lessons>()?;
     module.add_function(wrap_pyfunction!(command::main, module)?)
 }

@@ -5,12 +5,12 @@ use std::path::Path;
 use super::ears::Ears;
 use super::elsewhere::{Described, Elsewhere, Told};
 use crate::agent::imputer::Setup;
-use crate::agent::{PolicySource, Registry, dims};
+use crate::agent::{PolicySource, Registry};
 use crate::base::error::Result;
 use crate::dynamics::Dynamics;
 use crate::environment::{ActionSpace, Spec, Task};
 use crate::link::{LinkSpec, Links, Site};
-use crate::nn::{ActorKind, Dims, Networks, Policy};
+use crate::nn::Policy;
 use crate::supervisor::{Decisions, Stage};
 use crate::{failed, usage};
 
@@ -69,7 +69,7 @@ impl Play {
     ) -> Result<Play> {
         let spec = task.spec();
         check_worlds(spec, worlds)?;
-        let policy = policy.map_or_else(|| nobody(spec), |source| source.load(spec))?;
+        let policy = policy.unwrap_or(&PolicySource::Nobody).load(spec)?;
         let stage = Stage::new(task.environment(worlds), hearing.links(spec)?, 0);
         Play::assemble(stage, policy, hearing, worlds)
     }
@@ -80,7 +80,7 @@ impl Play {
     /// `Usage` if links or imputer make no sense.
     pub(super) fn elsewhere(described: Described, policy: Option<&Path>, hearing: &Hearing) -> Result<Play> {
         let Described { spec, moves, tick } = described;
-        let nobody = nobody(&spec)?;
+        let nobody = PolicySource::Nobody.load(&spec)?;
         let policy = policy.map_or(Ok(nobody.clone()), |path| Policy::open(path, nobody.dims()))?;
         let policy = if moves { policy.with_dynamics(constant_velocity(&spec)) } else { policy };
         let links = hearing.links(Site { agents: spec.n_agents(), tick })?;
@@ -226,13 +226,6 @@ fn ears(
 ) -> Result<Ears> {
     let setup = Setup { spec, policy, agent: 0, worlds, longest_delay, seed, greedy: false };
     Ears::new(&setup, &Registry::default(), imputer, relay)
-}
-
-/// A policy whose actors nobody runs, and without predictors: imputers look into one.
-pub(super) fn nobody(spec: &Spec) -> Result<Policy> {
-    let dims = Dims { n_actions: spec.n_actions().max(1), ..dims(spec) };
-    let networks = Networks { hidden: 1, predictors: Vec::new(), ..Networks::paper(ActorKind::Mlp) };
-    Policy::untrained(&dims, 0, networks)
 }
 
 /// Bodies move on as they are observed to, whatever agents do: so a step moves what has a rate.

@@ -78,7 +78,8 @@ impl Layout {
             let shape = first.into_iter().chain(rest.iter().map(|length| Length::Fixed(*length))).collect();
             Array { name: name.to_owned(), kind: kind.to_owned(), shape }
         };
-        vec![
+        let targets = [self.spec.targets, 2];
+        let mut arrays = vec![
             array("landmark_pos", "f64", None, &[self.spec.landmarks, 2]),
             array("agent_pos", "f64", Some("T + 1"), &[agents, 2]),
             array("agent_vel", "f64", Some("T + 1"), &[agents, 2]),
@@ -86,7 +87,12 @@ impl Layout {
             array("actions", if self.small { "u8" } else { "u32" }, Some("T"), &[agents, width]),
             array("arrived", "u8", Some("T"), &[agents, agents]),
             array("presence", "u8", Some("T"), &[agents]),
-        ]
+        ];
+        if self.spec.targets > 0 {
+            let places = ["target_pos", "target_vel"].map(|name| array(name, "f64", Some("T + 1"), &targets));
+            arrays.splice(3..3, places);
+        }
+        arrays
     }
 
     /// The beginning of a file.
@@ -107,7 +113,8 @@ impl Layout {
         bytes.extend(episode.goal_landmark.map_or(NONE, |goal| goal as u32).to_le_bytes());
         bytes.extend([0; 4]);
         let places = episode.landmark_pos.iter().chain(episode.agent_pos.iter().flatten());
-        for DVec2 { x, y } in places.chain(episode.agent_vel.iter().flatten()) {
+        let moving = [&episode.agent_vel, &episode.target_pos, &episode.target_vel];
+        for DVec2 { x, y } in places.chain(moving.into_iter().flatten().flatten()) {
             bytes.extend(x.to_le_bytes());
             bytes.extend(y.to_le_bytes());
         }
@@ -140,13 +147,14 @@ impl Layout {
         let (agents, width) = (self.spec.n_agents(), self.spec.action_width());
         let action = if self.small { 1 } else { 4 };
         16 * self.spec.landmarks
-            + 32 * (steps + 1) * agents
+            + 32 * (steps + 1) * (agents + self.spec.targets)
             + steps * (8 + action * agents * width + agents * agents + agents)
     }
 
     /// The episode with this head and these arrays; an error in words if it cannot be one.
     fn decode(&self, head: &[u8; HEAD], arrays: &[u8], delays: bool) -> std::result::Result<Episode, String> {
         let (agents, width) = (self.spec.n_agents(), self.spec.action_width());
+        let targets = Some(self.spec.targets).filter(|targets| *targets > 0);
         let mut head = Bytes(head);
         let (steps, terminated) = (head.u32() as usize, head.u32());
         let (number, p, goal) = (head.u64(), head.f64(), head.u32());
@@ -159,11 +167,16 @@ impl Layout {
             landmark_pos: bytes.places(self.spec.landmarks),
             agent_pos: (0..=steps).map(|_| bytes.places(agents)).collect(),
             agent_vel: (0..=steps).map(|_| bytes.places(agents)).collect(),
+            target_pos: targets.map_or(vec![], |n| (0..=steps).map(|_| bytes.places(n)).collect()),
+            target_vel: targets.map_or(vec![], |n| (0..=steps).map(|_| bytes.places(n)).collect()),
             team_reward: (0..steps).map(|_| bytes.f64()).collect(),
             ..Episode::default()
         };
-        let vectors =
-            episode.agent_pos.iter().chain(&episode.agent_vel).flatten().chain(&episode.landmark_pos);
+        let vectors = [&episode.agent_pos, &episode.agent_vel, &episode.target_pos, &episode.target_vel]
+            .into_iter()
+            .flatten()
+            .flatten()
+            .chain(&episode.landmark_pos);
         if !vectors.copied().all(DVec2::is_finite)
             || !episode.team_reward.iter().all(|reward| reward.is_finite())
         {

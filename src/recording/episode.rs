@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{is_false, shape};
 use crate::base::error::Result;
-use crate::environment::{ActionSpace, Environment, State};
+use crate::environment::{ActionSpace, Environment, State, Target};
 use crate::link::LONGEST_DELAY;
 
 /// One episode: T steps, T + 1 states; fewer states where the environment tells none.
@@ -25,6 +25,12 @@ pub struct Episode {
     pub agent_pos: Vec<Vec<DVec2>>,
     /// `[T + 1][agent]`.
     pub agent_vel: Vec<Vec<DVec2>>,
+    /// `[T + 1][target]`: who moves and is not of the team.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub target_pos: Vec<Vec<DVec2>>,
+    /// `[T + 1][target]`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub target_vel: Vec<Vec<DVec2>>,
     /// `[T][agent]`.
     pub actions: Vec<Vec<Action>>,
     /// `[T or T + 1][agent]`, each an observation, padded or not.
@@ -155,6 +161,10 @@ impl Episode {
     pub(crate) fn push_state(&mut self, state: State) {
         self.agent_pos.push(state.positions);
         self.agent_vel.push(state.velocities);
+        if !state.targets.is_empty() {
+            self.target_pos.push(state.targets.iter().map(|target| target.position).collect());
+            self.target_vel.push(state.targets.iter().map(|target| target.velocity).collect());
+        }
     }
 
     /// How many ticks ago what reaches `receiver` from `sender` at a step was sent; `None` if nothing does.
@@ -221,12 +231,20 @@ impl Episode {
         self.ages.iter().enumerate().find_map(too_old).map_or(Ok(()), Err)
     }
 
+    /// Those who move and are not of the team, before step `step`.
+    fn targets(&self, step: usize) -> Vec<Target> {
+        let [positions, velocities] =
+            [&self.target_pos, &self.target_vel].map(|of| of.get(step).into_iter().flatten());
+        positions.zip(velocities).map(|(&position, &velocity)| Target { position, velocity }).collect()
+    }
+
     /// The state before step `step`, and the words of the actions of the step before, `[agents, width]`, if there was one.
     pub fn at(&self, step: usize, width: usize) -> (State, Option<Vec<u32>>) {
         let state = State {
             positions: self.agent_pos[step].clone(),
             velocities: self.agent_vel[step].clone(),
             landmarks: self.landmark_pos.clone(),
+            targets: self.targets(step),
             goal: self.goal_landmark,
         };
         (state, step.checked_sub(1).map(|last| self.words(last, width)))

@@ -155,6 +155,14 @@ impl Recording {
                     return Err(format!("episode {number}: `{name}` is {found:?}, expected {expected:?}"));
                 }
             }
+            let targets = shape(&episode.target_pos);
+            let is_there = targets.is_some_and(|(rows, _)| [0, steps + 1].contains(&rows));
+            if !is_there || targets != shape(&episode.target_vel) {
+                return Err(format!(
+                    "episode {number}: `target_pos` and `target_vel` are not {} rows of as many targets each",
+                    steps + 1
+                ));
+            }
             let rewards = shape(&episode.agent_reward);
             if rewards != team(steps) && rewards != Some((0, 0)) {
                 return Err(format!("episode {number}: `agent_reward` is {rewards:?}"));

@@ -117,6 +117,9 @@ pub enum Preset {
     /// The habits of the `mappo` configuration in the paper's published code: shared networks, an update after
     /// every episode, rewards as they are
     PublishedCode,
+    /// The settings in the paper's text, but for one small actor that all agents share, and small critics and predictors:
+    /// policies of a few hundred kilobytes
+    Small,
 }
 
 /// What trains the policy.
@@ -365,6 +368,8 @@ mod tests {
         let code = Config::resolve(Preset::PublishedCode, &[]).unwrap();
         assert!(code.share_actors && code.share_critics && !code.standardise_rewards);
         assert_eq!(code.update_every, 1);
+        let small = Config::resolve(Preset::Small, &[]).unwrap();
+        assert!(small.share_actors && !small.share_critics && small.hidden < hear_see.hidden);
     }
 
     #[test]

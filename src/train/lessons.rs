@@ -7,7 +7,7 @@ use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::failed;
 use crate::nn::kernels::all_finite;
-use crate::nn::{Policy, PredictorSpec};
+use crate::nn::{Meta, Policy, PredictorSpec};
 
 /// A predictor on its way, and all that was played for it.
 ///
@@ -93,6 +93,16 @@ impl Lessons {
     /// # Errors
     /// `Usage` if there cannot be such a predictor.
     pub(crate) fn policy(&self) -> Result<Policy> {
-        self.policy.with_predictor(&self.spec, &self.predictor.parameters.all_values())
+        let policy = self.policy.with_predictor(&self.spec, &self.predictor.parameters.all_values())?;
+        let joint = self.policy.dims().joint;
+        let steps: usize =
+            self.episodes.iter().map(|episode| (episode.truth.len() / joint).saturating_sub(1)).sum();
+        let meta = Meta {
+            algorithm: Meta::IMPUTER.to_owned(),
+            steps: steps as u64,
+            origin: "fitted to the play of a team from elsewhere".to_owned(),
+            ..Meta::new(&policy.meta().task, self.seed)
+        };
+        Ok(policy.with_meta(meta))
     }
 }

@@ -66,6 +66,14 @@ impl Config {
                 update_every: 1,
                 ..paper
             },
+            Preset::Small => Config {
+                share_actors: true,
+                hidden: 64,
+                predictor_hidden: 64,
+                // Setting 1 has a third of it: too slow for what one small network has to learn for all.
+                learning_rate: 3e-4,
+                ..paper
+            },
         }
     }
 }

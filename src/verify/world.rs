@@ -6,7 +6,7 @@ use glam::DVec2;
 
 use super::{Comparison, Deviations};
 use crate::base::error::{Error, Result};
-use crate::environment::{Environment, Outcome, State, Task};
+use crate::environment::{Environment, Outcome, State, Target, Task};
 use crate::recording::{Episode, Reader, RecordingHeader};
 
 /// A single step from the recorded state.
@@ -109,9 +109,10 @@ fn check_actions(task: &Task, episode: &Episode) -> std::result::Result<(), Stri
 /// Whether what is random in steps can be drawn again.
 fn check_draws(task: &Task, seed: Option<u64>, episode: &Episode) -> std::result::Result<(), String> {
     let addressed = seed.is_some() && episode.episode.is_some();
-    if task.physics().motor_noise > 0.0 && !addressed {
+    if task.chance() > 0.0 && !addressed {
         return Err(
-            "motor noise cannot be drawn again without `seed` and the number of each `episode`".to_owned()
+            "motor noise and wind cannot be drawn again without `seed` and the number of each `episode`"
+                .to_owned(),
         );
     }
     Ok(())
@@ -182,9 +183,16 @@ impl World {
 }
 
 fn compare_state(state: &State, episode: &Episode, step: usize, deviations: &mut Deviations) {
-    let pairs = [(&state.positions, &episode.agent_pos[step]), (&state.velocities, &episode.agent_vel[step])];
+    let found = |of: fn(&Target) -> DVec2| state.targets.iter().map(of).collect::<Vec<_>>();
+    let [places, velocities] = [found(|target| target.position), found(|target| target.velocity)];
+    let pairs = [
+        (&state.positions, episode.agent_pos.get(step)),
+        (&state.velocities, episode.agent_vel.get(step)),
+        (&places, episode.target_pos.get(step)),
+        (&velocities, episode.target_vel.get(step)),
+    ];
     for (found, recorded) in pairs {
-        for (found, recorded) in found.iter().zip(recorded) {
+        for (found, recorded) in found.iter().zip(recorded.into_iter().flatten()) {
             let DVec2 { x, y } = *recorded;
             deviations.add(found.x, x);
             deviations.add(found.y, y);

@@ -86,6 +86,8 @@ impl<'a, 'b> Camera<'a, 'b> {
         scene.positions.extend(stage.environment().positions(WORLD));
         scene.trail.clone_from(&past.trail);
         (scene.landmarks, scene.goal) = (state.landmarks, state.goal);
+        scene.targets.clear();
+        scene.targets.extend(state.targets.iter().map(|target| target.position));
         scene.parts.clear();
         scene.parts.extend((0..tick.agents).map(|agent| part(decisions, agent)));
         scene.fates.clear();

@@ -19,6 +19,8 @@ pub(crate) struct Scene {
     pub(crate) trail: Vec<DVec2>,
     /// Where the landmarks are, m.
     pub(crate) landmarks: Vec<DVec2>,
+    /// Where those are who move and are not of the team, m.
+    pub(crate) targets: Vec<DVec2>,
     /// The landmark that is the goal of all.
     pub(crate) goal: Option<usize>,
     /// What each agent did.

@@ -34,7 +34,7 @@ pub(super) fn draw(frame: &mut Frame, area: Rect, look: &Look, block: Block) {
 fn half_sides(scene: &Scene, area: Rect) -> [f64; 2] {
     /// Agents start within 1 m, and their labels need room.
     const LEAST: f64 = 1.1;
-    let all = scene.positions.iter().chain(&scene.trail).chain(&scene.landmarks);
+    let all = scene.positions.iter().chain(&scene.trail).chain(&scene.landmarks).chain(&scene.targets);
     let farthest = all.fold(DVec2::splat(LEAST), |farthest, place| farthest.max(place.abs() + 0.1));
     let [width, height] = [f64::from(area.width.max(1)), 2.0 * f64::from(area.height.max(1))];
     let scale = (farthest.x / width).max(farthest.y / height);
@@ -63,6 +63,9 @@ fn paint(context: &mut Context, scene: &Scene, look: &Look, cell: f64) {
     for (landmark, place) in scene.landmarks.iter().enumerate() {
         let label = if scene.goal == Some(landmark) { "◎" } else { "+" };
         print(context, *place, label, theme.heading());
+    }
+    for place in &scene.targets {
+        print(context, *place, "◆", theme.heading());
     }
     for AgedGhost { ghost, .. } in &scene.ghosts[chosen] {
         // Around the agent itself if it is right.

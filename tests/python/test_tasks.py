@@ -16,7 +16,7 @@ def lossy(**options):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("task", ["hear-see", "speaker-listener", "simple-spread-3", "simple-spread-continuous-2"])
+@pytest.mark.parametrize("task", ["hear-see", "speaker-listener", "simple-spread-3", "simple-spread-continuous-2", "predator-prey-3", "scout-3"])
 def test_the_api_is_that_of_pettingzoo(task):
     parallel_api_test(parallel_env(task, p=0.5), num_cycles=60)
     parallel_seed_test(lambda: parallel_env(task, p=0.5), num_cycles=60)

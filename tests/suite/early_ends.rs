@@ -79,6 +79,7 @@ fn spec() -> Spec {
         unique: 1,
         common: vec![place(About::Landmark)],
         landmarks: 1,
+        targets: 0,
         episode_steps: STEPS,
         dt: 0.1,
         team_reward: TeamReward::Sum,

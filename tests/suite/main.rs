@@ -17,6 +17,7 @@ mod early_ends;
 mod evaluate;
 mod foreign;
 mod help;
+mod hosted;
 mod imputers;
 mod links;
 mod lost_is_lost;
@@ -35,6 +36,7 @@ mod train;
 mod verify;
 #[cfg(feature = "view")]
 mod view;
+mod worlds;
 
 /// Not a test: what the agents of swarms run that are of this binary.
 #[test]

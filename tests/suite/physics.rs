@@ -46,8 +46,12 @@ fn a_recorded_swarm_is_the_same_anywhere_and_is_taken_back() {
     verify_with(&|trace| trace["physics"] = "motor_noise=0.3,damping=0.3".into(), 1, "do not hold");
     verify_with(&|trace| trace["physics"] = "damping=0.3,mass=1.2".into(), 1, "do not hold");
     verify_with(&|trace| trace["episodes"][2]["episode"] = 7.into(), 1, "do not hold");
-    verify_with(&|trace| trace["seed"] = Value::Null, 1, "motor noise cannot be drawn again without `seed`");
-    verify_with(&|trace| trace["physics"] = "wind=1".into(), 1, "physics has no `wind`");
+    verify_with(
+        &|trace| trace["seed"] = Value::Null,
+        1,
+        "motor noise and wind cannot be drawn again without `seed`",
+    );
+    verify_with(&|trace| trace["physics"] = "gravity=1".into(), 1, "physics has no `gravity`");
 }
 
 #[test]
@@ -129,7 +133,7 @@ fn physics_that_cannot_be_is_refused() {
     {
         for (physics, says) in [
             ("dampng=0.3", "did you mean `damping`?"),
-            ("wind=1", "there are motor_noise, damping, mass"),
+            ("gravity=1", "there are motor_noise, damping, mass, wind"),
             ("damping=-0.1", "`damping` is \"-0.1\", expected a number from 0 to 1"),
             ("mass=0", "expected a number from 0.01 to 100"),
             ("0.3", "expected NAME=VALUE"),

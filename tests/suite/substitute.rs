@@ -222,7 +222,7 @@ fn nobody_becomes_an_oracle_by_mistake() {
     fail(&SWEEP.replace("1,0.3,0", "0.3,0"), 2, &["--substitute own", "p = 1"]);
     fail(&format!("{SWEEP} --substitute own"), 2, &["own is given twice"]);
     fail(&format!("{SWEEP} --substitute agent:2"), 2, &["hear-see", "about agent 2"]);
-    fail(&format!("{SWEEP} --substitute mine"), 2, &["own, others, constants or agent:K"]);
+    fail(&format!("{SWEEP} --substitute mine"), 2, &["own, others, targets, constants or agent:K"]);
     let help = run("evaluate --help");
     assert!(String::from_utf8_lossy(&help.stdout).contains("--substitute"), "{}", stderr(&help));
 }

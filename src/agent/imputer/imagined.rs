@@ -1,26 +1,16 @@
 //! A teammate as another agent imagines it.
 
-use std::ops::Range;
-
 use super::{Setup, Step};
 use crate::agent::choice::{most_probable, sample};
 use crate::base::rng::{Draws, Purpose};
 use crate::dynamics::Dynamics;
-use crate::nn::{Inference, NetworkState, Scratch};
 
-/// A teammate that acts on what the agent which imagines it believes: by its actor, with a state of its own.
+/// A teammate that acts on what the agent which imagines it believes.
 ///
 /// Its rows are the beliefs of all worlds, one world after the other.
 #[derive(Debug)]
 pub(super) struct Teammate {
     pub agent: usize,
-    actor: Inference,
-    /// Where its weights are in those of the policy.
-    weights: Range<usize>,
-    state: NetworkState,
-    n_actions: usize,
-    /// What its actor says, `[rows, n_actions]`.
-    logits: Vec<f32>,
     /// The draws that decide, `[rows]`.
     dice: Vec<f64>,
     /// What it is taken to have added to its velocity, m/s, `[rows]`.
@@ -83,52 +73,29 @@ impl Dice {
 
 impl Teammate {
     pub(super) fn new(setup: &Setup, dynamics: &Dynamics, agent: usize, guess: Guess) -> Teammate {
-        let (actor, rows) = (setup.policy.actor(agent).clone(), setup.worlds * guess.n_beliefs());
-        let n_actions = setup.spec.n_actions();
+        let rows = setup.worlds * guess.n_beliefs();
         Teammate {
             agent,
-            state: actor.state(rows),
-            actor,
-            weights: setup.policy.actor_range(agent),
-            n_actions,
-            logits: vec![0.0; rows * n_actions],
             dice: vec![0.0; rows],
             pushes: vec![[0.0; 2]; rows],
             of_actions: dynamics.pushes[agent].clone(),
             guess,
             greedy: setup.greedy,
-            informed: Vec::with_capacity(n_actions),
+            informed: Vec::with_capacity(dynamics.pushes[agent].len()),
         }
     }
 
-    pub(super) fn begin_episodes(&mut self, rows: usize) {
-        self.state.start(rows);
-    }
-
-    /// Takes new weights, of all those of the policy.
-    pub(super) fn renew(&mut self, weights: &[f32]) {
-        self.actor.renew(&weights[self.weights.clone()]);
-    }
-
-    /// How many its actor takes in a row.
-    pub(super) fn multiply_adds(&self) -> usize {
-        self.weights.len()
-    }
-
-    /// Lets its actor see what is believed, `[rows, joint]`; what is drawn at this step is `die` of each row.
-    pub(super) fn consider(&mut self, beliefs: &[f32], scratch: &mut Scratch, die: impl Fn(usize) -> f64) {
-        let rows = beliefs.len() / self.actor.n_inputs();
-        let logits = &mut self.logits[..rows * self.n_actions];
-        self.actor.step(rows, beliefs, &[], &mut self.state, scratch, logits);
+    /// What is drawn at this step is `die` of each row.
+    pub(super) fn throw(&mut self, rows: usize, die: impl Fn(usize) -> f64) {
         self.dice[..rows].iter_mut().enumerate().for_each(|(row, dice)| *dice = die(row));
     }
 
-    /// Takes it to have acted in a row, in the light of what is seen of its push along each axis. How likely that was: the
-    /// logarithm, or zero where it is not looked at.
-    pub(super) fn act(&mut self, row: usize, seen: [Option<f64>; 2]) -> f64 {
-        let Teammate { logits, informed, of_actions, n_actions, .. } = self;
+    /// Takes it to have acted in a row, by the `logits` of its actor and in the light of what is seen of its push along each
+    /// axis. How likely that was: the logarithm, or zero where it is not looked at.
+    pub(super) fn act(&mut self, row: usize, logits: &[f32], seen: [Option<f64>; 2]) -> f64 {
+        let Teammate { informed, of_actions, .. } = self;
         informed.clear();
-        informed.extend_from_slice(&logits[row * *n_actions..][..of_actions.len()]);
+        informed.extend_from_slice(&logits[..of_actions.len()]);
         let mut log_likelihood = 0.0;
         if self.guess != Guess::SharedDice {
             let before = log_sum(informed);
@@ -141,11 +108,6 @@ impl Teammate {
             Guess::Drawn(_) | Guess::SharedDice => of_actions[sample(informed, self.dice[row])],
         };
         log_likelihood
-    }
-
-    /// Is in the row `to` what it is in the row `from`.
-    pub(super) fn copy(&mut self, from: usize, to: usize) {
-        self.state.copy_row(from, to);
     }
 
     /// What it is taken to have added to its velocity in a row, m/s.

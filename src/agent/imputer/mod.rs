@@ -2,6 +2,7 @@
 //!
 //! One file per imputer and one line each in the [`Registry`], which is where a name becomes one.
 
+mod actors;
 mod carried;
 mod dynamics;
 mod hold;

@@ -1,12 +1,12 @@
 //! Teammates act by the same policy file: what they will do can be asked of their actors.
 
+use super::actors::Actors;
 use super::imagined::{Dice, Guess, Teammate};
 use super::motion::{Motion, fitted};
 use super::particles::Weights;
 use super::{Imputer, Setup, Step};
 use crate::agent::Inbox;
 use crate::base::error::Result;
-use crate::nn::Scratch;
 
 /// Everybody is moved on by the dynamics that the policy file holds: the agent itself by the action that was carried out,
 /// each teammate by what its actor, which sees what *this* agent believes, makes probable, in the light of what is seen of
@@ -18,11 +18,11 @@ pub(super) struct Teammates {
     agent: usize,
     /// All but the agent itself.
     teammates: Vec<Teammate>,
+    actors: Actors,
     /// Beliefs about each world.
     n_beliefs: usize,
     weights: Weights,
     dice: Dice,
-    scratch: Scratch,
 }
 
 impl Teammates {
@@ -33,16 +33,19 @@ impl Teammates {
     pub(super) fn new(setup: &Setup, others: Box<dyn Imputer>, guess: Guess) -> Result<Teammates> {
         let (dynamics, n_beliefs) = (fitted(setup)?, guess.n_beliefs());
         let everybody = 0..setup.spec.n_agents();
-        let teammates = everybody.clone().filter(|agent| *agent != setup.agent);
+        let teammates: Vec<usize> = everybody.clone().filter(|agent| *agent != setup.agent).collect();
         Ok(Teammates {
             others,
             agent: setup.agent,
-            teammates: teammates.map(|agent| Teammate::new(setup, &dynamics, agent, guess)).collect(),
+            actors: Actors::new(setup, &teammates, setup.worlds * n_beliefs),
+            teammates: teammates
+                .into_iter()
+                .map(|agent| Teammate::new(setup, &dynamics, agent, guess))
+                .collect(),
             motion: Motion::new(setup, dynamics, everybody.collect(), n_beliefs)?.learning(),
             n_beliefs,
             weights: Weights::new(setup.worlds, n_beliefs),
             dice: Dice { guess, seed: setup.seed, agent: setup.agent },
-            scratch: Scratch::default(),
         })
     }
 }
@@ -52,16 +55,17 @@ impl Imputer for Teammates {
         self.others.begin_episodes(worlds);
         self.motion.begin_episodes();
         self.weights.begin_episodes();
-        self.teammates.iter_mut().for_each(|teammate| teammate.begin_episodes(worlds * self.n_beliefs));
+        self.actors.begin_episodes(worlds * self.n_beliefs);
     }
 
     fn fuse(&mut self, world: usize, own: &[f32], inbox: &Inbox, estimate: &mut [f32]) {
         self.others.fuse(world, own, inbox, estimate);
-        let Teammates { motion, agent, teammates, n_beliefs, weights, .. } = self;
+        let Teammates { motion, agent, teammates, actors, n_beliefs, weights, .. } = self;
         for teammate in teammates.iter_mut() {
             for row in world * *n_beliefs..(world + 1) * *n_beliefs {
                 let seen = motion.seen_push(row, teammate.agent, inbox, estimate);
-                weights.weigh(row, teammate.act(row, seen));
+                let logits = actors.logits(teammate.agent, row);
+                weights.weigh(row, teammate.act(row, logits, seen));
             }
         }
         let at = |other: usize| other - usize::from(other > *agent);
@@ -69,22 +73,23 @@ impl Imputer for Teammates {
         motion.correct(world, inbox, estimate, shares, |row, other| teammates[at(other)].push(row));
         for (from, to) in weights.resample(world) {
             motion.copy(from, to);
-            teammates.iter_mut().for_each(|teammate| teammate.copy(from, to));
+            actors.copy(from, to);
         }
     }
 
     fn predict(&mut self, step: &Step) {
         self.others.predict(step);
-        let Teammates { motion, teammates, n_beliefs, weights, dice, scratch, .. } = self;
+        let Teammates { motion, teammates, actors, n_beliefs, weights, dice, .. } = self;
         motion.keep(step);
         for world in 0..step.actions.len() {
             weights.set_start(world, dice.of(dice.agent, world, 0, step));
         }
         let worlds = step.actions.len();
+        actors.consider(motion.beliefs(worlds));
         for teammate in teammates {
-            let (agent, beliefs) = (teammate.agent, motion.beliefs(worlds));
+            let agent = teammate.agent;
             let die = |row| dice.of(agent, row / *n_beliefs, row % *n_beliefs, step);
-            teammate.consider(beliefs, scratch, die);
+            teammate.throw(worlds * *n_beliefs, die);
         }
         motion.advance(step.actions);
     }
@@ -96,11 +101,10 @@ impl Imputer for Teammates {
 
     fn renew(&mut self, weights: &[f32]) {
         self.others.renew(weights);
-        self.teammates.iter_mut().for_each(|teammate| teammate.renew(weights));
+        self.actors.renew(weights);
     }
 
     fn multiply_adds(&self) -> usize {
-        let of_actors: usize = self.teammates.iter().map(Teammate::multiply_adds).sum();
-        self.others.multiply_adds() + self.n_beliefs * of_actors
+        self.others.multiply_adds() + self.n_beliefs * self.actors.multiply_adds()
     }
 }

@@ -1,22 +1,78 @@
-//! What the options of `spawn` amount to: task, links, settings of the agents, recorder.
+//! What the options of `spawn` amount to: what is played, policy, links, settings of the agents, recorder.
 
 use std::path::Path;
+use std::time::Duration;
 
+use super::super::policy_source;
 use super::Spawn;
 use crate::agent::{AgentSettings, PolicySource, Registry};
 use crate::base::error::Result;
 use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::Scheduling;
 use crate::bus::Wait;
-use crate::environment::Task;
+use crate::environment::{ActionSpace, Environment, Spec, Task};
 use crate::link::{CommunicationMatrix, LinkSpec, RadioLog, Site, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::{FORMAT_VERSION, RecordingHeader, is_json};
-use crate::supervisor::Recorder;
+use crate::supervisor::{Deadlines, Hosted, Recorder};
 use crate::usage;
 
+/// How long the process of an environment may take to start: some import for long.
+const LONGEST_START: Duration = Duration::from_secs(60);
+
+/// What is played, in all its worlds.
+pub(super) struct Scene {
+    pub(super) spec: Spec,
+    pub(super) environment: Box<dyn Environment>,
+    /// How long a step is, s, if the environment says so.
+    tick: Option<f64>,
+}
+
 impl Spawn {
-    pub(super) fn find_task(&self, policy: &PolicySource) -> Result<Task> {
+    /// A task, or what another process hosts.
+    pub(super) fn find_scene(&self) -> Result<Scene> {
+        let worlds = self.active_worlds();
+        if let Some(command) = &self.environment {
+            let usual = Deadlines { ready: LONGEST_START, ..Deadlines::default() };
+            let deadlines = Deadlines { answer: self.deadline.unwrap_or(usual.answer), ..usual };
+            let hosted = Hosted::start(command, worlds, deadlines)?;
+            return Ok(Scene {
+                spec: hosted.spec().clone(),
+                tick: hosted.tick(),
+                environment: Box::new(hosted),
+            });
+        }
+        let task = self.find_task(&policy_source(&self.policy, self.seed)?)?.with_physics(self.physics)?;
+        let spec = task.spec().clone();
+        Ok(Scene { tick: Some(spec.dt), spec, environment: task.environment(worlds) })
+    }
+
+    /// The policy; none where every agent is another program, and none is asked for or built in.
+    pub(super) fn find_policy(&self, spec: &Spec) -> Result<PolicySource> {
+        let is_other = |agent: usize| self.other_agents.iter().any(|(other, _)| *other == agent);
+        let source = policy_source(&self.policy, self.seed)?;
+        if source == PolicySource::Builtin && (0..spec.n_agents()).all(is_other) && source.load(spec).is_err()
+        {
+            return Ok(PolicySource::Nobody);
+        }
+        let by_values = |agent: usize| matches!(spec.agents[agent].actions, ActionSpace::Box { .. });
+        match (0..spec.n_agents()).find(|agent| by_values(*agent) && !is_other(*agent)) {
+            None => Ok(source),
+            Some(agent) => Err(usage!(
+                "{} of {} acts by values, and policies choose among discrete actions; give a program of your own for it \
+                 with --agent {agent}=COMMAND",
+                spec.agents[agent].name,
+                spec.id
+            )),
+        }
+    }
+
+    /// More worlds than episodes would have nothing to do.
+    fn active_worlds(&self) -> usize {
+        u64::from(self.worlds).min(self.episodes) as usize
+    }
+
+    fn find_task(&self, policy: &PolicySource) -> Result<Task> {
         let (name, agents) = match (&self.task, self.agents) {
             (None, None) => {
                 return match policy {
@@ -52,13 +108,14 @@ impl Spawn {
     }
 
     /// Seconds from one tick to the next; in lockstep, as the environment has them.
-    pub(super) fn tick(&self, task: &Task) -> f64 {
-        self.rate.map_or(task.spec().dt, |rate| 1.0 / rate)
+    pub(super) fn tick(&self, spec: &Spec) -> f64 {
+        self.rate.map_or(spec.dt, |rate| 1.0 / rate)
     }
 
-    pub(super) fn find_links(&self, task: &Task) -> Result<LinkSpec> {
+    pub(super) fn find_links(&self, scene: &Scene) -> Result<LinkSpec> {
         let level = self.p.or(self.drop.map(complement));
-        let site = Site { tick: Some(self.tick(task)), ..Site::from(task.spec()) };
+        let tick = self.rate.map(|rate| 1.0 / rate).or(scene.tick);
+        let site = Site { tick, ..Site::from(&scene.spec) };
         let links = self.links.as_deref().map(|text| LinkSpec::parse(text, site)).transpose()?;
         match (level.map(LinkSpec::level).transpose()?, links) {
             (Some(level), Some(links)) => level.then(links),
@@ -78,21 +135,20 @@ impl Spawn {
 
     pub(super) fn settings(
         &self,
-        task: &Task,
+        scene: &Scene,
         links: &LinkSpec,
         policy: PolicySource,
         loaded: &Policy,
     ) -> Result<AgentSettings> {
         let registry = Registry::default();
         Ok(AgentSettings {
-            spec: task.spec().clone(),
+            spec: scene.spec.clone(),
             policy,
             imputer: registry.choose(self.imputer.as_deref(), loaded)?,
             registry,
             greedy: self.greedy,
             seed: self.seed,
-            // More worlds than episodes would have nothing to do.
-            worlds: u64::from(self.worlds).min(self.episodes) as usize,
+            worlds: self.active_worlds(),
             longest_delay: links.longest_delay(),
             relay: self.relay,
             tell_logits: self.record.as_deref().is_some_and(is_json),

@@ -87,6 +87,7 @@ pub fn loss(loss: &Loss) -> Vec<String> {
         let of = match truth {
             Truth::Own => "its own agent's state".to_owned(),
             Truth::Others => "the other agents' state".to_owned(),
+            Truth::Targets => "the targets' state".to_owned(),
             Truth::Constants => "what is no agent's state".to_owned(),
             Truth::Agent(agent) => format!("agent {agent}'s state"),
         };

@@ -1,6 +1,7 @@
 //! The matrix product, blocked for registers.
 
-use super::{load, store};
+use super::halves::Load;
+use super::store;
 use pulp::{Simd, WithSimd};
 
 /// Where the sum of an output starts.
@@ -14,15 +15,15 @@ pub enum Start<'a> {
     Zero,
 }
 
-/// `y = x @ weight + start`, see [`linear`](super::linear()).
-pub(super) struct Linear<'a> {
+/// `y = x @ weight + start`, see [`linear`](super::linear()). `W` is f32, or the bits of f16.
+pub(super) struct Linear<'a, W> {
     rows: usize,
     /// Inputs of a row.
     k: usize,
     /// Outputs of a row.
     n: usize,
     x: &'a [f32],
-    weight: &'a [f32],
+    weight: &'a [W],
     start: Start<'a>,
     y: &'a mut [f32],
 }
@@ -31,15 +32,15 @@ pub(super) struct Linear<'a> {
 /// next: a panel of weights stays in the core's own cache (256 KiB at k = 256 and 16 lanes).
 const PANEL: usize = 16;
 
-impl<'a> Linear<'a> {
+impl<'a, W> Linear<'a, W> {
     /// Checks the shapes; `None` when there is nothing to compute.
     pub(super) fn new(
         rows: usize,
         x: &'a [f32],
-        weight: &'a [f32],
+        weight: &'a [W],
         start: Start<'a>,
         y: &'a mut [f32],
-    ) -> Option<Linear<'a>> {
+    ) -> Option<Linear<'a, W>> {
         if y.is_empty() {
             return None;
         }
@@ -59,7 +60,7 @@ impl<'a> Linear<'a> {
     /// The weights are read from front to back, in two runs side by side, and sums wait in `y` for the next inputs.
     /// Out of the L3 cache that is quicker than panels, which read a part of each row and skip the rest.
     #[inline(always)]
-    fn pairs<S: Simd, const V: usize>(&mut self, simd: S) -> usize {
+    fn pairs<S: Load<W>, const V: usize>(&mut self, simd: S) -> usize {
         let (n, width) = (self.n, V * S::F32_LANES);
         let end = n - n % width;
         let (pairs, odd) = self.x.as_chunks::<2>();
@@ -80,10 +81,9 @@ impl<'a> Linear<'a> {
                 let y: &mut [S::f32s; V] = y.try_into().expect("the slice is V vectors wide");
                 let mut sums = *y;
                 for (x, weights) in x.iter().zip(weights.chunks_exact(n)) {
-                    let weights = S::as_simd_f32s(&weights[tile * width..][..width]).0;
-                    let weights: &[S::f32s; V] = weights.try_into().expect("the slice is V vectors wide");
-                    for (sum, &weight) in sums.iter_mut().zip(weights) {
-                        *sum = simd.mul_add_e_f32s(*x, weight, *sum);
+                    let weights = weights[tile * width..][..width].chunks_exact(S::F32_LANES);
+                    for (sum, weights) in sums.iter_mut().zip(weights) {
+                        *sum = simd.mul_add_e_f32s(*x, simd.load(weights), *sum);
                     }
                 }
                 *y = sums;
@@ -95,7 +95,7 @@ impl<'a> Linear<'a> {
     /// The outputs of `R` rows from `row` and the columns of one panel: tiles of `V` vectors, then of one,
     /// then the last columns that fill no vector. Returns `R`.
     #[inline(always)]
-    fn panel<S: Simd, const R: usize, const V: usize>(
+    fn panel<S: Load<W>, const R: usize, const V: usize>(
         &mut self,
         simd: S,
         row: usize,
@@ -119,7 +119,7 @@ impl<'a> Linear<'a> {
 
     /// `R` rows by `V` vectors, with all `R * V` sums in registers.
     #[inline(always)]
-    fn tile<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, row: usize, column: usize) {
+    fn tile<S: Load<W>, const R: usize, const V: usize>(&mut self, simd: S, row: usize, column: usize) {
         let (k, n, width) = (self.k, self.n, V * S::F32_LANES);
         let x: [&[f32]; R] = std::array::from_fn(|r| &self.x[(row + r) * k..][..k]);
         let mut sums = [[simd.splat_f32s(0.0); V]; R];
@@ -132,11 +132,12 @@ impl<'a> Linear<'a> {
             sums.copy_from_slice(S::as_simd_f32s(start).0);
         }
         for (i, weights) in self.weight.chunks_exact(n).enumerate() {
-            let weights = S::as_simd_f32s(&weights[column..][..width]).0;
-            let weights: &[S::f32s; V] = weights.try_into().expect("the slice is V vectors wide");
+            let mut weights = weights[column..][..width].chunks_exact(S::F32_LANES);
+            let weights: [S::f32s; V] =
+                std::array::from_fn(|_| simd.load(weights.next().expect("the slice is V vectors wide")));
             for (x, sums) in x.iter().zip(&mut sums) {
                 let x = simd.splat_f32s(x[i]);
-                for (sum, &weight) in sums.iter_mut().zip(weights) {
+                for (sum, &weight) in sums.iter_mut().zip(&weights) {
                     *sum = simd.mul_add_e_f32s(x, weight, *sum);
                 }
             }
@@ -149,18 +150,18 @@ impl<'a> Linear<'a> {
 
     /// `R` rows by the last columns of a row, fewer than a vector.
     #[inline(always)]
-    fn tail<S: Simd, const R: usize>(&mut self, simd: S, row: usize, column: usize, to: usize) {
+    fn tail<S: Load<W>, const R: usize>(&mut self, simd: S, row: usize, column: usize, to: usize) {
         let (k, n) = (self.k, self.n);
         let x: [&[f32]; R] = std::array::from_fn(|r| &self.x[(row + r) * k..][..k]);
         let mut sums: [S::f32s; R] = std::array::from_fn(|r| match self.start {
-            Start::Bias(bias) => load(simd, &bias[column..to]),
-            Start::Output => load(simd, &self.y[(row + r) * n..][column..to]),
+            Start::Bias(bias) => Load::<f32>::load(simd, &bias[column..to]),
+            Start::Output => Load::<f32>::load(simd, &self.y[(row + r) * n..][column..to]),
             Start::Zero => simd.splat_f32s(0.0),
         });
         for i in 0..k {
             // A whole vector, where there is one, is quicker to load than its part. What lies behind the row
             // ends up in lanes that are not stored.
-            let weights = load(simd, &self.weight[i * n + column..]);
+            let weights = simd.load(&self.weight[i * n + column..]);
             for (x, sum) in x.iter().zip(&mut sums) {
                 *sum = simd.mul_add_e_f32s(simd.splat_f32s(x[i]), weights, *sum);
             }
@@ -171,11 +172,10 @@ impl<'a> Linear<'a> {
     }
 }
 
-impl WithSimd for Linear<'_> {
-    type Output = ();
-
+impl<W> Linear<'_, W> {
+    /// All outputs.
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) {
+    pub(super) fn run<S: Load<W>>(mut self, simd: S) {
         // Tiles of as many sums as there are registers for. A single row is about reading memory: its tiles
         // are as wide as they can be, so that weights are read in long runs.
         let wide = S::REGISTER_COUNT >= 32;
@@ -195,5 +195,14 @@ impl WithSimd for Linear<'_> {
                 };
             }
         }
+    }
+}
+
+impl WithSimd for Linear<'_, f32> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.run(simd);
     }
 }

@@ -3,6 +3,7 @@
 //! | kernel | computes |
 //! |---|---|
 //! | [`linear()`] | `y = x @ w + bias`, or `y += x @ w` |
+//! | [`linear_of_halves`] | the same, of weights stored as f16 |
 //! | [`relu`], [`sigmoid`], [`tanh`] | in place, element by element |
 //! | [`gru_gates`], [`lstm_gates`] | everything of a recurrent step that is not a matrix product |
 //! | [`sum`] | what reading weights takes, to measure by |
@@ -34,12 +35,14 @@ mod adam;
 mod elementwise;
 mod gates;
 mod gradient;
+mod halves;
 mod linear;
 mod recurrent;
 #[cfg(test)]
 mod tests;
 
 pub use adam::AdamStep;
+pub use halves::{linear_of_halves, take_halves};
 pub use linear::Start;
 
 use pulp::{Arch, Simd};

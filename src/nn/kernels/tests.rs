@@ -101,6 +101,29 @@ fn same_bits_alone_and_among_others(k: usize, n: usize, seed: u64) {
 }
 
 #[test]
+fn weights_of_f16_make_the_same_bits_as_their_values() {
+    if !take_halves() {
+        return println!("skipped: this machine converts f16 first");
+    }
+    for (k, n) in [(1, 1), (3, 15), (24, 16), (16, 255), (256, 256), (256, 768), (28, 273), (256, 5)] {
+        let halves = numbers(5, k * n, 1.0).into_iter().map(half::f16::from_f32);
+        // The smallest f16 that there is, too: it has no implicit bit.
+        let halves: Vec<_> = halves.chain([half::f16::from_bits(1)]).skip(1).collect();
+        let values: Vec<f32> = halves.iter().map(|half| half.to_f32()).collect();
+        let halves: Vec<u16> = halves.iter().map(|half| half.to_bits()).collect();
+        for rows in [1, 2, 3, 7] {
+            let (x, bias) = (numbers(6, rows * k, 1.0), numbers(7, n, 1.0));
+            for start in [Start::Bias(&bias), Start::Output, Start::Zero] {
+                let [mut of_values, mut of_halves] = [numbers(8, rows * n, 1.0), numbers(8, rows * n, 1.0)];
+                linear(rows, &x, &values, start, &mut of_values);
+                linear_of_halves(rows, &x, &halves, start, &mut of_halves);
+                assert_eq!(bits(&of_values), bits(&of_halves), "{rows} rows, k {k}, n {n}, {start:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn instruction_sets_with_fused_multiply_add_agree_to_the_bit() {
     let (x, weight, bias) = (numbers(1, 10 * 33, 1.0), numbers(2, 33 * 77, 1.0), numbers(3, 77, 1.0));
     let mut results = Vec::new();

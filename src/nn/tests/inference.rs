@@ -195,3 +195,28 @@ fn senses_say_what_arrived_how_old_it_is_and_what_was_not_expected() {
     fresh.start(1);
     assert_eq!(fresh, predictor.state(1));
 }
+
+#[test]
+fn networks_make_the_same_bits_of_f16_and_of_its_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("half");
+    for (actor, sharing) in KINDS {
+        let saved = Policy::untrained(&dims(), 5, networks(actor, sharing)).unwrap();
+        saved.save_half(&path).unwrap();
+        let of_halves = Policy::open(&path, &dims()).unwrap();
+        let of_values = of_halves.with_values(&values(&of_halves)).unwrap();
+        assert!(of_halves.tensors().all(|(_, tensor)| tensor.halves().is_some()));
+        assert!(of_values.tensors().all(|(_, tensor)| tensor.halves().is_none()));
+        for rows in [1, 2, 9] {
+            let steps: Vec<_> = (0..3).map(|step| numbers(step, rows * dims().joint)).collect();
+            let [halves, values] = [&of_halves, &of_values]
+                .map(|policy| run(policy.actor(1), rows, &steps, &[], dims().n_actions));
+            assert_eq!(halves, values, "{actor} {sharing}, {rows} rows");
+        }
+        // New weights are f32: those of the file count no more.
+        let mut renewed = of_halves.actor(0).clone();
+        renewed.renew(&vec![0.0; of_halves.actor_range(0).len()]);
+        let out = run(&renewed, 1, &[numbers(1, dims().joint)], &[], dims().n_actions);
+        assert_eq!(out, [vec![0.0; dims().n_actions]]);
+    }
+}

@@ -29,6 +29,7 @@ fn scene(agents: usize) -> Scene {
         step: 6,
         trail: positions.iter().map(|place| *place - DVec2::Y * 0.5).collect(),
         landmarks: vec![dvec2(-0.5, -0.9), dvec2(0.5, 0.9)],
+        targets: vec![dvec2(0.5, -0.9)],
         goal: Some(1),
         parts: vec![Part::Decided; agents],
         fates,
@@ -130,7 +131,7 @@ fn everything_is_to_be_read_from_80_columns_on() {
 }
 
 #[test]
-fn bodies_ghosts_and_landmarks_are_where_they_are() {
+fn bodies_ghosts_landmarks_and_targets_are_where_they_are() {
     let terminal = Picture::of("spread-xy-4", 4).draw();
     let buffer = terminal.backend().buffer();
     let place = |symbol: &str| {
@@ -143,6 +144,8 @@ fn bodies_ghosts_and_landmarks_are_where_they_are() {
     };
     assert!((11..=12).contains(&zero.1), "{zero:?} is on the horizontal axis");
     assert!(goal.0 > 30 && goal.1 < 6 && landmark.0 < 15 && landmark.1 > 18, "{goal:?} {landmark:?}");
+    let [target] = place("◆")[..] else { panic!("{:?}", place("◆")) };
+    assert!(target.0 > 30 && target.1 > 18, "{target:?}");
     // Agent 2 is in the middle, and thought to be above that.
     let twos: Vec<(u16, u16)> = place("2");
     assert_eq!(twos.len(), 2, "{twos:?}");

@@ -47,6 +47,8 @@ pub(crate) struct Take {
     pub positions: Vec<Vec<DVec2>>,
     /// What the team had earned before each step, and in the end, `[T + 1]`.
     pub returns: Vec<f64>,
+    /// `[T + 1][target]`, m: those who move and are not of the team; empty if there are none.
+    pub targets: Vec<Vec<DVec2>>,
     /// `[T]`; empty if the agents' side is not recorded.
     pub steps: Vec<Step>,
 }
@@ -100,7 +102,8 @@ impl Film {
                 self.name
             ));
         }
-        let places = episode.agent_pos.iter().flatten().chain(&episode.landmark_pos);
+        let moving = episode.agent_pos.iter().chain(&episode.target_pos).flatten();
+        let places = moving.chain(&episode.landmark_pos);
         if let Some(place) =
             places.copied().find(|place| !place.is_finite() || place.abs().max_element() > FARTHEST)
         {
@@ -121,6 +124,7 @@ impl Film {
             landmarks: episode.landmark_pos.clone(),
             goal: episode.goal_landmark,
             positions: episode.agent_pos.clone(),
+            targets: episode.target_pos.clone(),
             returns,
             steps: steps.map(|step| self.step(episode, step)).collect::<Option<_>>().ok_or_else(|| {
                 usage!(
@@ -191,6 +195,11 @@ impl Film {
 }
 
 impl Take {
+    /// Where anything is at any step.
+    fn places(&self) -> impl Iterator<Item = &DVec2> {
+        self.positions.iter().chain(&self.targets).flatten().chain(&self.landmarks)
+    }
+
     /// How many steps it has.
     pub(crate) fn steps_taken(&self) -> usize {
         self.positions.len() - 1

@@ -9,6 +9,8 @@ const NONE = -32768, LATE = 254, LOST = 255, THERE = [0, 3];
 for (const film of films) {
   for (const episode of film.episodes) {
     episode.places = Float32Array.from(numbers(episode.places, Int16Array), (value) => value * film.unit);
+    const targets = episode.targets ? numbers(episode.targets, Int16Array) : [];
+    episode.targets = Float32Array.from(targets, (value) => value * film.unit);
     episode.ghosts = episode.ghosts && numbers(episode.ghosts, Int16Array);
     episode.links = episode.links && bytes(episode.links);
     episode.presence = episode.presence && bytes(episode.presence);
@@ -45,8 +47,8 @@ function prepare(canvas) {
 /** What of the plane is seen: everything that is anywhere in these episodes. */
 function extent(episodes) {
   let [left, right, low, high] = [-1, 1, -1, 1];
-  for (const { places, landmarks } of episodes) {
-    for (const all of [places, landmarks.flat()]) {
+  for (const { places, landmarks, targets } of episodes) {
+    for (const all of [places, landmarks.flat(), targets]) {
       for (let at = 0; at < all.length; at += 2) {
         [left, right] = [Math.min(left, all[at]), Math.max(right, all[at])];
         [low, high] = [Math.min(low, all[at + 1]), Math.max(high, all[at + 1])];
@@ -57,13 +59,16 @@ function extent(episodes) {
   return { x: (left + right) / 2, y: (low + high) / 2, half };
 }
 
-/** Where an agent is at a time between two steps. */
-function place(film, episode, agent, time) {
+/** Where one of those whose places these are is at a time between two steps. */
+function between(places, episode, one, time) {
   const step = Math.min(Math.floor(time), episode.steps), next = Math.min(step + 1, episode.steps);
   const part = still.matches ? 0 : Math.min(time, episode.steps) - step;
-  const at = (step) => 2 * (step * film.agents.length + agent);
-  return [0, 1].map((axis) => (1 - part) * episode.places[at(step) + axis] + part * episode.places[at(next) + axis]);
+  const at = (step) => 2 * ((step * places.length) / 2 / (episode.steps + 1) + one);
+  return [0, 1].map((axis) => (1 - part) * places[at(step) + axis] + part * places[at(next) + axis]);
 }
+
+/** Where an agent is at a time between two steps. */
+const place = (film, episode, agent, time) => between(episode.places, episode, agent, time);
 
 /** The last step that was decided. */
 const decided = (episode, time) => Math.min(Math.floor(time), episode.steps - 1);
@@ -116,6 +121,11 @@ function drawStage(film, episode, canvas) {
     stroke([[x - arm, y + arm], [x + arm, y - arm]], ink, 2.5);
     if (index === episode.goal) disc([x, y], 1.4 * size, style("--ink"), false);
   });
+  for (let target = 0; target < episode.targets.length / 2 / (episode.steps + 1); target++) {
+    const [x, y] = screen(between(episode.targets, episode, target, now.time));
+    const corners = [[1, 0], [0, 1], [-1, 0], [0, -1], [1, 0]];
+    stroke(corners.map(([right, down]) => [x + size * right, y + size * down]), style("--ink"), 2.5);
+  }
   if (shows("trails")) {
     agents.forEach((_, agent) => {
       for (let back = 0; back < TRAIL; back++) {

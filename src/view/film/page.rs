@@ -112,6 +112,7 @@ fn legend(films: &[Film]) -> Markup {
     let meanings = [
         ("dots", "agents, with their trails; a dashed one was absent or did not decide in time"),
         ("crosses", "landmarks; the ringed one is the goal"),
+        ("squares on a corner", "those who move and are not of the team"),
         (
             "dashed circles",
             "ghosts: where the chosen agent thinks those others are that it did not hear at this step",
@@ -131,13 +132,13 @@ fn legend(films: &[Film]) -> Markup {
         details { summary { "Keys" } (list(&keys)) }
         details {
             summary { "Legend" }
-            (list(if films.iter().any(Film::is_of_a_trace) { &meanings } else { &meanings[..2] }))
+            (list(if films.iter().any(Film::is_of_a_trace) { &meanings } else { &meanings[..3] }))
         }
     }
 }
 
 fn film(film: &Film, viewer: usize) -> Value {
-    let places = film.takes.iter().flat_map(|take| take.positions.iter().flatten().chain(&take.landmarks));
+    let places = film.takes.iter().flat_map(Take::places);
     let largest = places.fold(1.0, |largest: f64, place| largest.max(place.abs().max_element()));
     // Places are whole multiples of this.
     let unit = 1.2 * largest / f64::from(i16::MAX);
@@ -165,6 +166,9 @@ fn episode(take: &Take, unit: f64) -> Value {
         "places": i16s(take.positions.iter().flatten().flat_map(whole).collect()),
         "returns": f32s(take.returns.iter().map(|value| *value as f32)),
     });
+    if !take.targets.is_empty() {
+        episode["targets"] = i16s(take.targets.iter().flatten().flat_map(whole).collect()).into();
+    }
     if take.steps.is_empty() {
         return episode;
     }

@@ -153,7 +153,7 @@ impl Moment<'_> {
     /// A view of everything that is anywhere in the episode.
     fn view(&self, middle: DVec2) -> View {
         let takes = self.films.iter().map(|film| &film.takes[self.take]);
-        let places = takes.flat_map(|take| take.positions.iter().flatten().chain(&take.landmarks));
+        let places = takes.flat_map(Take::places);
         let (low, high) = places
             .fold((DVec2::NEG_ONE, DVec2::ONE), |(low, high), place| (low.min(*place), high.max(*place)));
         let half = 0.56 * (high - low).max_element();
@@ -191,6 +191,11 @@ impl Moment<'_> {
         let take = &film.takes[self.take];
         let team = film.spec.n_agents();
         let at: Vec<DVec2> = (0..team).map(|agent| view.point(take.place(agent, self.time))).collect();
+        for target in 0..take.targets.first().map_or(0, Vec::len) {
+            let (at, arm) = (view.point(between(&take.targets, target, self.time)), view.size());
+            let corners = [DVec2::X, DVec2::Y, DVec2::NEG_X, DVec2::NEG_Y, DVec2::X].map(|to| at + arm * to);
+            pen.line(&corners, Stroke { width: 2.5, ..solid(Ink::Text) });
+        }
         for agent in 0..team {
             let now = self.time.floor();
             let steps = (0..=TRAIL).rev().map(|back| now - back as f64).filter(|step| *step >= 0.0);
@@ -261,11 +266,16 @@ impl View {
 impl Take {
     /// Where an agent is at a time between two steps.
     fn place(&self, agent: usize, time: f64) -> DVec2 {
-        let last = self.steps_taken();
-        let step = (time as usize).min(last);
-        let part = time.min(last as f64) - step as f64;
-        self.positions[step][agent].lerp(self.positions[(step + 1).min(last)][agent], part)
+        between(&self.positions, agent, time)
     }
+}
+
+/// Where one of those whose places these are, `[T + 1][..]`, is at a time between two steps.
+fn between(places: &[Vec<DVec2>], one: usize, time: f64) -> DVec2 {
+    let last = places.len() - 1;
+    let step = (time as usize).min(last);
+    let part = time.min(last as f64) - step as f64;
+    places[step][one].lerp(places[(step + 1).min(last)][one], part)
 }
 
 /// How far apart the lines of a grid are that reaches so far from its middle, m: half a metre, or as many as keep them few.
