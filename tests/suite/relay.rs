@@ -2,7 +2,7 @@
 
 use vamaro_swarm::recording::Recording;
 
-use crate::common::{fail, succeed};
+use crate::common::{fail, run, succeed};
 
 /// The statistics of a run, as JSON.
 fn json(words: &str) -> serde_json::Value {
@@ -68,7 +68,11 @@ fn a_trace_says_so_and_is_verified() {
         let mut age = age.flat_map(|row| row.as_array_mut().unwrap()).filter(|age| age.as_u64() > Some(1));
         *age.next().unwrap() = 9.into();
         std::fs::write(&json, tampered.to_string()).unwrap();
-        fail(&format!("verify {}", json.display()), 1, &["links"]);
+        let output = run(&format!("verify {}", json.display()));
+        let told = String::from_utf8_lossy(&output.stdout);
+        let links = told.lines().find(|line| line.contains("links: what arrived"));
+        assert!(links.is_some_and(|line| line.starts_with("FAIL")), "{told}");
+        assert_eq!(output.status.code(), Some(1));
     }
     // Without --relay a trace is what it always was.
     let file = folder.path().join("plain.json");
