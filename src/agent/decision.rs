@@ -12,6 +12,7 @@ use crate::base::error::Result;
 use crate::bus::Layout;
 use crate::environment::{ActionSpace, Spec};
 use crate::failed;
+use crate::link::LONGEST_DELAY;
 use crate::nn::{Actor, ActorState, Policy, Scratch};
 
 /// What every agent of a team runs with.
@@ -34,6 +35,8 @@ pub struct AgentSettings {
     pub worlds: usize,
     /// The most ticks by which links may postpone an observation: it is kept for so long.
     pub longest_delay: u8,
+    /// Whether messages also carry the newest that their senders hold of others.
+    pub relay: bool,
     /// Whether decisions say which logits they were made by. Only a recorder looks at them.
     pub tell_logits: bool,
 }
@@ -50,6 +53,7 @@ impl AgentSettings {
             seed: 0,
             worlds: 1,
             longest_delay: 0,
+            relay: false,
             tell_logits: false,
         }
     }
@@ -63,7 +67,15 @@ impl AgentSettings {
             action: spec.action_width(),
             joint: spec.joint_dim(),
             logits: if self.tell_logits { spec.n_actions() } else { 0 },
+            relay: self.relay,
         }
+    }
+
+    /// The most ticks ago that what reaches an agent may have been observed.
+    pub fn longest_age(&self) -> u8 {
+        // Nothing is older than its episode.
+        let oldest = self.spec.episode_steps.min(LONGEST_DELAY.into()) as u8;
+        if self.relay { oldest } else { self.longest_delay }
     }
 }
 
@@ -112,16 +124,17 @@ impl Agent {
     /// Makes agent `index` of a team from a policy that is loaded already.
     pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
         let spec = settings.spec.clone();
-        let AgentSettings { worlds, seed, longest_delay, .. } = *settings;
-        let greedy = settings.greedy || policy.is_greedy();
-        let setup = Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay, greedy };
+        let AgentSettings { worlds, seed, .. } = *settings;
+        let (longest_age, greedy) = (settings.longest_age(), settings.greedy || policy.is_greedy());
+        let setup =
+            Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay: longest_age, greedy };
         let actor = policy.actor(index).clone();
         let (imputer, truth) = Truth::split(&settings.imputer);
         Ok(Agent {
             index,
             greedy,
             worlds,
-            longest_delay,
+            longest_delay: settings.longest_delay,
             imputer: settings.registry.make(imputer, &setup)?,
             oracle: truth.map(|truth| Oracle::new(truth, &spec, index)).transpose()?,
             has_predicted: false,

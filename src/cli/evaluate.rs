@@ -92,6 +92,11 @@ pub struct Evaluate {
     #[arg(long)]
     no_comm_at_t0: bool,
 
+    /// Have messages also carry the newest that their senders hold of others, with its age; compare with the same
+    /// command without --relay, which plays the same episodes with the same losses
+    #[arg(long)]
+    relay: bool,
+
     #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t)]
     physics: PhysicsSpec,
 
@@ -161,6 +166,8 @@ Examples:
   vamaro-swarm evaluate runs/hs-0 --levels 1,0.2 \\
       --chaos kill=0.01 --chaos 'kill=0.01 at p=0.2'
   vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own
+  # messages also carry what their senders have received
+  vamaro-swarm evaluate runs/hs-0 --relay
   # exit code 3 if the default imputer does not keep 90 % of the score
   vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'
 
@@ -271,6 +278,7 @@ impl Evaluate {
                 greedy: self.greedy || entrants.iter().all(|entrant| entrant.policy.is_greedy()),
                 comm_at_t0: !self.no_comm_at_t0,
                 physics: self.physics,
+                relay: self.relay,
             },
             conditions,
             axes,

@@ -217,11 +217,12 @@ fn recording(path: &Path) -> Result<Content> {
     let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "unknown".to_owned());
     let kind = if is_trace { "trace" } else { "recording" };
     let text = format!(
-        "{} of {}{}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
+        "{} of {}{}{}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
          policy      {}\n{}\n{rows}{more}",
         kind,
         header.task,
         header.physics.if_other(),
+        if header.relay { ", relayed" } else { "" },
         header.n_agents,
         episodes.len(),
         header.episode_steps,

@@ -50,7 +50,8 @@ fn session(
 ) -> Result<Session> {
     let links = condition.links().build().sharing_at_start(settings.comm_at_t0);
     let environment = task.clone().with_physics(settings.physics)?.environment(worlds);
-    Ok(Session::new(environment, links, settings.seed).starting_at(FIRST_EPISODE + episode))
+    let session = Session::new(environment, links, settings.seed).relaying(settings.relay);
+    Ok(session.starting_at(FIRST_EPISODE + episode))
 }
 
 /// Plays one of the episodes of a cell alone, by agents in this process, and records it.

@@ -188,6 +188,7 @@ impl Sweep {
             seed: self.settings.seed,
             worlds: worlds.min(self.settings.episodes as usize),
             longest_delay: condition.links().longest_delay(),
+            relay: self.settings.relay,
             tell_logits: false,
         }
     }

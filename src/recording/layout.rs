@@ -237,7 +237,7 @@ impl Decoder {
             layout,
             environment: task.environment(1),
             episode_steps: about.episode_steps,
-            delays: about.longest_delay > 0,
+            delays: about.longest_delay > 0 || about.relay,
         };
         Ok((about, decoder))
     }

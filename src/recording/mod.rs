@@ -88,6 +88,12 @@ pub struct RecordingHeader {
     /// The most ticks by which links postpone what is sent, if they do (traces of this program).
     #[serde(default, skip_serializing_if = "is_zero")]
     pub longest_delay: u8,
+    /// Whether messages also carried the newest that their senders held of others (traces of this program).
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub relay: bool,
+    /// Fingerprints of the logs that `links` names, in their order (traces of this program).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub logs: Vec<String>,
     /// Version of the program that wrote it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
@@ -198,6 +204,10 @@ fn shape<T>(rows: &[Vec<T>]) -> Option<(usize, usize)> {
 /// The same of what may be left out, which has no rows then but would have so many columns.
 fn shape_or_none<T>(rows: &[Vec<T>], columns: usize) -> Option<(usize, usize)> {
     if rows.is_empty() { Some((0, columns)) } else { shape(rows) }
+}
+
+fn is_false(flag: &bool) -> bool {
+    !flag
 }
 
 fn is_zero(number: &u8) -> bool {

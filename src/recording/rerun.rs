@@ -30,6 +30,7 @@ impl Rerun {
         let settings = AgentSettings {
             imputer: Registry::default().choose(header.imputer.as_deref(), &policy)?,
             longest_delay: header.longest_delay,
+            relay: header.relay,
             seed,
             greedy: header.greedy.unwrap_or_default(),
             ..AgentSettings::of(spec)

@@ -93,7 +93,7 @@ impl Observer for Recorder {
             }
             let late = late(&tick, decisions, world);
             episode.push_late(tick.step as usize, late);
-            if stage.longest_delay() > 0 {
+            if stage.longest_delay() > 0 || stage.relays() {
                 let age = |age: &u8| Some(*age).filter(|age| *age != NOT_ARRIVED);
                 let ages = |agent| received(&tick, decisions, agent, world).map(|it| age(&it)).collect();
                 episode.ages.push((0..tick.agents).map(ages).collect());

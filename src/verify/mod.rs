@@ -128,7 +128,10 @@ fn verify_file(
 fn verify_recording(file: &Path, policy: Option<&PolicySource>, report: &mut Report) -> Result<()> {
     let mut recording = Reader::open(file)?;
     let mut worlds = Worlds::of(file, &recording)?;
-    let mut masks = recording.is_trace().then(|| Masks::of(&recording)).transpose()?;
+    let mut masks = recording.is_trace().then(|| Masks::of(&recording)).transpose().unwrap_or_else(|error| {
+        report.failed.push((file.to_owned(), error));
+        None
+    });
     let mut agents = recording.is_trace().then(|| Agents::of(file, &recording, policy));
     for (number, episode) in recording.by_ref().enumerate() {
         let episode = episode?;

@@ -28,6 +28,7 @@ mod physics;
 mod plot;
 mod policies;
 mod processes;
+mod relay;
 mod replay;
 mod resume;
 mod rollouts;

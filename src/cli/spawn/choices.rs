@@ -11,7 +11,7 @@ use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::Scheduling;
 use crate::bus::Wait;
 use crate::environment::{ActionSpace, Environment, Spec, Task};
-use crate::link::{CommunicationMatrix, LinkSpec, Site, complement};
+use crate::link::{CommunicationMatrix, LinkSpec, RadioLog, Site, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::{FORMAT_VERSION, Format, RecordingHeader};
 use crate::supervisor::{Deadlines, Hosted, Recorder};
@@ -150,6 +150,7 @@ impl Spawn {
             seed: self.seed,
             worlds: self.active_worlds(),
             longest_delay: links.longest_delay(),
+            relay: self.relay,
             tell_logits: self.record.as_deref().map(Format::of) == Some(Format::Json),
         })
     }
@@ -178,6 +179,8 @@ impl Spawn {
             comm_at_t0: Some(!self.no_comm_at_t0),
             rate: self.rate,
             longest_delay: settings.longest_delay,
+            relay: self.relay,
+            logs: links.logs().map(RadioLog::fingerprint).collect(),
             format_version: Some(FORMAT_VERSION),
             version: Some(env!("CARGO_PKG_VERSION").to_owned()),
         };

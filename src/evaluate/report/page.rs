@@ -171,7 +171,7 @@ fn definitions(summary: &Summary) -> Markup {
 }
 
 fn made(summary: &Summary, provenance: &Provenance) -> Markup {
-    let Settings { episodes, seed, greedy, comm_at_t0, physics } = summary.settings;
+    let Settings { episodes, seed, greedy, comm_at_t0, physics, relay } = summary.settings;
     let Provenance { program, command, cpu, date } = provenance;
     let conditions = distinct(summary.groups.iter().flat_map(words::conditions));
     let conditions: Vec<String> = conditions.into_iter().map(words::condition).collect();
@@ -186,17 +186,22 @@ fn made(summary: &Summary, provenance: &Provenance) -> Markup {
             if comm_at_t0 { "everything is delivered" } else { "links lose as they do later" }.to_owned(),
         ),
         ("physics", physics.to_string()),
+        (
+            "messages",
+            if relay { "also carry the newest that their senders hold of others" } else { "" }.to_owned(),
+        ),
         ("program", program.clone()),
         ("CPU", cpu.clone()),
         ("date", date.clone()),
     ];
+    let said = settings.into_iter().filter(|(_, value)| !value.is_empty());
     html! {
         p {
             "Frozen policies play while the links between their agents lose observations, and an imputer stands in for \
             what is lost. All policies of a task were played from the same initial states with the same draws of actions \
             and links, whatever the condition and the imputer, so differences are paired."
         }
-        (list(settings.map(|(term, value)| (term.to_owned(), value))))
+        (list(said.map(|(term, value)| (term.to_owned(), value))))
         pre { code { (command) } }
         p {
             "Every random draw is determined by the seed and its purpose, so the same command gives bit-identical numbers \
