@@ -269,7 +269,7 @@ fn damaged_files_are_errors() {
     for (name, task, about) in [
         ("mlp-0", "hear-see", ""),
         ("gru", "spread-xy-2", "[actor]\nagent-id = true"),
-        ("own-0", "speaker-listener", "[actor]\ninput = 'own'"),
+        ("gaussian", "simple-spread-continuous-3", "[actor]\ninput = 'own'\noutput = 'mean-log-std'"),
     ] {
         let dims = dims(Task::parse(task).unwrap().spec());
         let path = folder.path().join("team.toml");
