@@ -252,8 +252,10 @@ fn what_does_not_fit_is_refused_with_what_to_do() {
 /// An ONNX file with a weight in another one, as PyTorch writes it by default.
 fn with_weights_elsewhere() -> Vec<u8> {
     let part = |number: u8, bytes: &[u8]| [&[number << 3 | 2, bytes.len() as u8][..], bytes].concat();
-    let place = [part(1, b"location"), part(2, b"weights.bin")].concat();
-    let tensor = [vec![0x08, 4, 0x10, 1], part(8, b"w"), part(13, &place), vec![0x70, 1]].concat();
+    let entry =
+        |key: &str, value: &str| part(13, &[part(1, key.as_bytes()), part(2, value.as_bytes())].concat());
+    let place = [entry("location", "weights.bin"), entry("offset", "0"), entry("length", "16")].concat();
+    let tensor = [vec![0x08, 4, 0x10, 1], part(8, b"w"), place, vec![0x70, 1]].concat();
     let node = [part(1, b"w"), part(2, b"y"), part(4, b"Relu")].concat();
     let graph = [part(1, &node), part(2, b"graph"), part(5, &tensor), part(12, &part(1, b"y"))].concat();
     [vec![0x08, 8], part(8, &[0x10, 17]), part(7, &graph)].concat()
@@ -269,7 +271,7 @@ fn damaged_files_are_errors() {
     for (name, task, about) in [
         ("mlp-0", "hear-see", ""),
         ("gru", "spread-xy-2", "[actor]\nagent-id = true"),
-        ("own-0", "speaker-listener", "[actor]\ninput = 'own'"),
+        ("gaussian", "simple-spread-continuous-3", "[actor]\ninput = 'own'\noutput = 'mean-log-std'"),
     ] {
         let dims = dims(Task::parse(task).unwrap().spec());
         let path = folder.path().join("team.toml");

@@ -108,9 +108,9 @@ fn numbers(value: Value) -> Result<Vec<f32>, String> {
     }
 }
 
-/// On one line.
+/// On one line, as part of an error of ours.
 fn words(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
+    text.split_whitespace().collect::<Vec<_>>().join(" ").replace("error: ", "error, ")
 }
 
 /// The operators of policies. Without those that only models of images, sound or text use: what is not here cannot go wrong.
