@@ -122,6 +122,8 @@ impl Sweep {
             seed: Some(self.settings.seed),
             greedy: Some(self.settings.greedy),
             links: None,
+            relay: self.settings.relay,
+            logs: Vec::new(),
             matrix: None,
             physics: self.settings.physics,
             comm_at_t0: Some(self.settings.comm_at_t0),

@@ -230,7 +230,7 @@ fn networks_make_the_same_bits_of_f16_and_of_its_values() {
         // New weights are f32: those of the file count no more.
         let mut renewed = of_halves.actor(0).clone();
         renewed.renew(&vec![0.0; of_halves.actor_range(0).len()]);
-        let out = run(&renewed, 1, &[numbers(1, dims().joint)], &[], dims().n_actions);
+        let out = run(renewed.network(), 1, &[numbers(1, dims().joint)], &[], dims().n_actions);
         assert_eq!(out, [vec![0.0; dims().n_actions]]);
     }
 }
