@@ -12,7 +12,7 @@ use crate::base::error::Result;
 use crate::bus::Layout;
 use crate::environment::{ActionSpace, Spec};
 use crate::failed;
-use crate::link::LONGEST_DELAY;
+use crate::link::longest_age;
 use crate::nn::{Actor, ActorState, Policy, Scratch};
 
 /// What every agent of a team runs with.
@@ -73,9 +73,7 @@ impl AgentSettings {
 
     /// The most ticks ago that what reaches an agent may have been observed.
     pub fn longest_age(&self) -> u8 {
-        // Nothing is older than its episode.
-        let oldest = self.spec.episode_steps.min(LONGEST_DELAY.into()) as u8;
-        if self.relay { oldest } else { self.longest_delay }
+        longest_age(self.longest_delay, self.relay, self.spec.episode_steps)
     }
 }
 

@@ -89,8 +89,8 @@ impl ErrorLedger {
         }
     }
 
-    /// An episode starts in each of `worlds` worlds, whose links may postpone by so many ticks.
-    fn restart(&mut self, worlds: usize, longest_delay: u8) {
+    /// An episode starts in each of `worlds` worlds, in which what arrives was observed up to so many ticks ago.
+    fn restart(&mut self, worlds: usize, longest_age: u8) {
         let rows = self.layout.agents * worlds;
         restart(&mut self.ages, rows * self.layout.agents, None);
         restart(&mut self.open, worlds * self.finished.len(), AgeErrors::default());
@@ -98,7 +98,7 @@ impl ErrorLedger {
             expectation.state.start(rows);
             let values = rows * self.layout.predicted();
             restart(&mut expectation.variances, values, 0.0);
-            expectation.changes.resize_with(longest_delay.into(), Vec::new);
+            expectation.changes.resize_with(longest_age.into(), Vec::new);
             expectation.changes.iter_mut().for_each(|change| restart(change, values, 0.0));
             expectation.out.resize(rows * 2 * self.layout.predicted(), 0.0);
         }
@@ -185,7 +185,7 @@ impl ErrorLedger {
 
 impl Observer for ErrorLedger {
     fn begin_episodes(&mut self, stage: &Stage) -> Result<()> {
-        self.restart(stage.worlds(), stage.longest_delay());
+        self.restart(stage.worlds(), stage.longest_age());
         Ok(())
     }
 

@@ -14,6 +14,13 @@ pub struct Links {
 /// The most ticks by which anything may be postponed. Messages are kept for that long, in shared memory.
 pub const LONGEST_DELAY: u8 = 100;
 
+/// The most ticks ago that what reaches an agent may have been observed, over links that postpone by up to `longest_delay`.
+pub(crate) fn longest_age(longest_delay: u8, relay: bool, episode_steps: usize) -> u8 {
+    // Nothing is older than its episode.
+    let oldest = episode_steps.min(LONGEST_DELAY.into()) as u8;
+    if relay { oldest } else { longest_delay }
+}
+
 impl Links {
     /// These links in this order. An observation is delivered if all of them deliver it, and their delays add up. At
     /// t = 0 everything is delivered at once regardless (the paper's `comm_at_t0`).

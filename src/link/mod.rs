@@ -39,6 +39,7 @@ pub use jam::Jam;
 pub use latency::Latency;
 pub use level::Level;
 pub(crate) use level::complement;
+pub(crate) use links::longest_age;
 pub use links::{LONGEST_DELAY, Links};
 pub use matrix::{CommunicationMatrix, Matrix};
 pub use range::Range;

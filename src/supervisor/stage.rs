@@ -10,7 +10,7 @@ use crate::base::error::Result;
 use crate::bus::Layout;
 use crate::environment::{End, Environment, Outcome, Spec};
 use crate::failed;
-use crate::link::{Address, Context, Fates, Links};
+use crate::link::{Address, Context, Fates, Links, longest_age};
 
 /// Parallel worlds that play consecutive episodes, step by step together. Episodes may end early: a world that is
 /// done idles until all of them are.
@@ -135,6 +135,11 @@ impl Stage {
     /// The most ticks by which anything is postponed.
     pub fn longest_delay(&self) -> u8 {
         self.links.longest_delay()
+    }
+
+    /// The most ticks ago that what arrives may have been observed.
+    pub fn longest_age(&self) -> u8 {
+        longest_age(self.longest_delay(), self.relays(), self.spec.episode_steps)
     }
 
     /// How many observations at this tick are older than what their receivers have seen, and so are not shown.

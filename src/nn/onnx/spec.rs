@@ -134,7 +134,10 @@ impl Description {
         if path.is_file() && regular::beginning(path, 8)?.iter().any(|byte| *byte < b'\t') {
             return Ok(None);
         }
-        let Ok(text) = regular::read_text(path, Self::LARGEST) else { return Ok(None) };
+        let text = regular::read_text(path, Self::LARGEST).unwrap_or_default();
+        if text.trim().is_empty() {
+            return Ok(None);
+        }
         Description::parse(&text, path).map(Some)
     }
 
