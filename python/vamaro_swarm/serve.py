@@ -138,7 +138,7 @@ def _maker(name: str, settings: Sequence[str]) -> Callable[[], Any]:
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key.isidentifier():
-            raise ValueError(f"expected arguments such as N=4, not {setting}")
+            raise Error(f"expected arguments such as N=4, not {setting}")
         try:
             keywords[key] = ast.literal_eval(value)
         except (SyntaxError, ValueError):

@@ -45,7 +45,8 @@ pub enum PolicySource {
 }
 
 impl PolicySource {
-    /// Loads the policy for a task. Weights that are stored as f32, in a file or in the program, stay where they are.
+    /// Loads the policy for a task. Weights stay where they are, in a file or in the program, whether they are stored as f32
+    /// or f16; those of a file that has both are copied.
     pub fn load(&self, spec: &Spec) -> Result<Policy> {
         let policy = self.open(spec)?;
         if *self == PolicySource::Nobody {

@@ -16,7 +16,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use serde::{Deserialize, Serialize};
 
 use super::directory::{keep_to_this_user, prefix_of, root_of};
-use super::services::{Role, bus_error, node_of, service_name};
+use super::services::{bus_error, node_at, service_name};
 use super::shared::sleep;
 use super::{Header, PROTOCOL};
 use crate::base::error::Result;
@@ -97,6 +97,15 @@ impl LineLayout {
     }
 }
 
+/// Whose end of a line it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LineEnd {
+    /// The supervisor's: it creates the services.
+    Supervisor,
+    /// The environment's, which only opens them.
+    Environment,
+}
+
 /// One end of a line.
 #[derive(Debug)]
 pub(crate) struct Line {
@@ -121,19 +130,19 @@ impl LineSettings {
 }
 
 impl Line {
-    /// The supervisor's end, which creates the services, or the environment's, which opens them.
-    pub(crate) fn open(tag: &str, role: Role) -> Result<Line> {
-        let node = node_of::<Service>(tag, role)?;
-        if role == Role::Supervisor {
+    /// An end of the line with this tag.
+    pub(crate) fn open(tag: &str, end: LineEnd) -> Result<Line> {
+        let node = node(tag, end)?;
+        if end == LineEnd::Supervisor {
             keep_to_this_user(tag)?;
         }
-        let down = words(&node, "to-environment", role)?;
-        let up = words(&node, "from-environment", role)?;
-        let wake_environment = event(&node, "wake-environment", 1, role)?;
-        let wake_supervisor = supervisors_event(&node, role)?;
-        let (out, into, wake, woken) = match role {
-            Role::Supervisor => (down, up, wake_environment, wake_supervisor),
-            Role::Agent => (up, down, wake_supervisor, wake_environment),
+        let down = words(&node, "to-environment", end)?;
+        let up = words(&node, "from-environment", end)?;
+        let wake_environment = event(&node, "wake-environment", 1, end)?;
+        let wake_supervisor = supervisors_event(&node, end)?;
+        let (out, into, wake, woken) = match end {
+            LineEnd::Supervisor => (down, up, wake_environment, wake_supervisor),
+            LineEnd::Environment => (up, down, wake_supervisor, wake_environment),
         };
         let hears = into.subscriber_builder().buffer_size(2).create();
         Ok(Line {
@@ -176,10 +185,12 @@ impl Line {
     }
 }
 
-/// Wakes the supervisor's end of the line with this tag, from a thread that has no port.
+/// Wakes the supervisor's end of the line with this tag in place of an environment that has died, from a thread that has no
+/// port.
 pub(crate) fn wake_supervisor_of_line(tag: &str) -> Result<()> {
-    let node = node_of::<Service>(tag, Role::Agent)?;
-    let notifier = supervisors_event(&node, Role::Agent)?.notifier_builder().create();
+    let end = LineEnd::Environment;
+    let node = node(tag, end)?;
+    let notifier = supervisors_event(&node, end)?.notifier_builder().create();
     let notifier = notifier.map_err(bus_error("create a notifier"))?;
     notifier.notify().map(drop).map_err(bus_error("wake the supervisor"))
 }
@@ -189,18 +200,23 @@ pub(crate) fn line_memory_needed(words: usize) -> u64 {
     (SAMPLES * (4 * words + 256) + 256 * 1024) as u64
 }
 
-/// The event that wakes the supervisor: it has room for the environment, and for who notices that it has died.
-fn supervisors_event(node: &Node<Service>, role: Role) -> Result<Event> {
-    event(node, "wake-supervisor", 2, role)
+/// This process's entry point to iceoryx2.
+fn node(tag: &str, end: LineEnd) -> Result<Node<Service>> {
+    node_at(&root_of(tag), &prefix_of(tag), &format!("{end:?}"))
 }
 
-fn words(node: &Node<Service>, name: &str, role: Role) -> Result<Words> {
+/// The event that wakes the supervisor: it has room for the environment, and for who notices that it has died.
+fn supervisors_event(node: &Node<Service>, end: LineEnd) -> Result<Event> {
+    event(node, "wake-supervisor", 2, end)
+}
+
+fn words(node: &Node<Service>, name: &str, end: LineEnd) -> Result<Words> {
     let service = node.service_builder(&service_name(name)?).publish_subscribe::<[u32]>();
     let builder = service.user_header::<Header>();
     let what = format!("open the service {name}");
-    match role {
-        Role::Agent => builder.open().map_err(bus_error(&what)),
-        Role::Supervisor => builder
+    match end {
+        LineEnd::Environment => builder.open().map_err(bus_error(&what)),
+        LineEnd::Supervisor => builder
             .max_publishers(1)
             .max_subscribers(1)
             .max_nodes(2)
@@ -213,12 +229,12 @@ fn words(node: &Node<Service>, name: &str, role: Role) -> Result<Words> {
     }
 }
 
-fn event(node: &Node<Service>, name: &str, notifiers: usize, role: Role) -> Result<Event> {
+fn event(node: &Node<Service>, name: &str, notifiers: usize, end: LineEnd) -> Result<Event> {
     let builder = node.service_builder(&service_name(name)?).event();
     let what = format!("open the service {name}");
-    match role {
-        Role::Agent => builder.open().map_err(bus_error(&what)),
-        Role::Supervisor => builder
+    match end {
+        LineEnd::Environment => builder.open().map_err(bus_error(&what)),
+        LineEnd::Supervisor => builder
             .max_notifiers(notifiers)
             .max_listeners(1)
             .max_nodes(notifiers + 1)

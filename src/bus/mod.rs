@@ -35,7 +35,7 @@ pub use directory::SwarmDirectory;
 pub(crate) use directory::{check_writable, is_tag, leftovers, place};
 #[cfg(feature = "view")]
 pub(crate) use guests::{Guest, Host, guests_memory_needed};
-pub(crate) use line::{Line, LineLayout, LineSettings, line_memory_needed, wake_supervisor_of_line};
+pub(crate) use line::{Line, LineEnd, LineLayout, LineSettings, line_memory_needed, wake_supervisor_of_line};
 #[cfg(feature = "view")]
 pub(crate) use living::{Living, have_others_swarms, living};
 pub(crate) use local::LocalHub;

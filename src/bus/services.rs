@@ -233,15 +233,10 @@ impl SwarmAddress {
 
 /// This process's entry point to iceoryx2, in the swarm with this tag.
 pub(crate) fn node(tag: &str, role: Role) -> Result<Node<ipc::Service>> {
-    node_of(tag, role)
-}
-
-/// The same, of any kind of service.
-pub(super) fn node_of<S: Service>(tag: &str, role: Role) -> Result<Node<S>> {
     node_at(&root_of(tag), &prefix_of(tag), &format!("{role:?}"))
 }
 
-/// The same with this root and this prefix, under some name.
+/// The same of any kind of service, with this root and this prefix, under some name.
 pub(super) fn node_at<S: Service>(root: &std::path::Path, prefix: &str, name: &str) -> Result<Node<S>> {
     set_log_level_from_env_or(LogLevel::Fatal);
     let name = format!("vamaro-swarm {name}");

@@ -73,15 +73,19 @@ fn policy(path: &Path) -> Result<Content> {
     let (meta, networks) = (&file.meta, &file.networks);
     // The actors of a fitted imputer are there because every policy file has some.
     let is_imputer = meta.algorithm == Meta::IMPUTER;
-    let shown = || file.tensors.iter().filter(|tensor| !(is_imputer && tensor.name.starts_with("actors.")));
-    let actor = if is_imputer {
-        "none: the team acts elsewhere".to_owned()
-    } else {
-        let size = || format!("hidden {}", networks.hidden);
-        let about = file.onnx.as_ref().map_or_else(size, onnx_words);
-        format!("{}, {}, {about}", networks.actor, networks.sharing)
+    let tensors = file.tensors.iter().filter(|tensor| !(is_imputer && tensor.name.starts_with("actors.")));
+    let tensors: Vec<_> = tensors.collect();
+    let actors = (!is_imputer).then_some((networks.actor, networks.sharing, networks.hidden));
+    let (kind, actor) = match actors {
+        Some((actor, sharing, hidden)) => {
+            let size = || format!("hidden {hidden}");
+            let about = file.onnx.as_ref().map_or_else(size, onnx_words);
+            ("policy", format!("{actor}, {sharing}, {about}"))
+        }
+        None => ("imputer", "none: the team acts elsewhere".to_owned()),
     };
-    let rows = shown().map(|tensor| {
+    let parameters: usize = tensors.iter().map(|tensor| tensor.n_values()).sum();
+    let rows = tensors.iter().map(|tensor| {
         vec![tensor.name.clone(), format!("{:?}", tensor.shape), tensor.n_values().to_string()]
     });
     let graphs = file
@@ -89,12 +93,10 @@ fn policy(path: &Path) -> Result<Content> {
         .iter()
         .map(|(name, bytes)| vec![name.clone(), "ONNX".to_owned(), format!("{} bytes", bytes.len())]);
     let rows = table(&["tensor", "shape", "values"], rows.chain(graphs));
-    let predictors = networks.predictors.iter();
-    let predictors: Vec<String> = predictors.map(predictor_words).collect();
+    let predictors: Vec<String> = networks.predictors.iter().map(predictor_words).collect();
     let text = format!(
-        "{} for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {actor}\n\
-         predictors  {}\ndynamics    {}\nparameters  {}\n\n{rows}",
-        if is_imputer { "imputer" } else { "policy" },
+        "{kind} for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {actor}\n\
+         predictors  {}\ndynamics    {}\nparameters  {parameters}\n\n{rows}",
         meta.task,
         meta.algorithm,
         meta.steps,
@@ -103,23 +105,22 @@ fn policy(path: &Path) -> Result<Content> {
         meta.program,
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
         if file.dynamics.is_some() { "fitted" } else { "none" },
-        shown().map(|tensor| tensor.n_values()).sum::<usize>()
     );
-    let tensors = file.tensors.iter().map(|tensor| json!({"name": tensor.name, "shape": tensor.shape}));
+    let tensors = tensors.iter().map(|tensor| json!({"name": tensor.name, "shape": tensor.shape}));
     let mut json = json!({
-        "kind": "policy",
+        "kind": kind,
         "task": meta.task,
         "algorithm": meta.algorithm,
         "steps": meta.steps,
         "seed": meta.seed,
         "origin": meta.origin,
         "program": meta.program,
-        "actor": networks.actor,
-        "sharing": networks.sharing,
-        "hidden": networks.hidden,
+        "actor": actors.map(|(actor, ..)| actor),
+        "sharing": actors.map(|(_, sharing, _)| sharing),
+        "hidden": actors.map(|(.., hidden)| hidden),
         "predictors": networks.predictors,
         "dynamics": file.dynamics.is_some(),
-        "parameters": file.n_parameters(),
+        "parameters": parameters,
         "tensors": tensors.collect::<Vec<_>>(),
     });
     if let Some(onnx) = &file.onnx {

@@ -22,6 +22,7 @@ use crate::base::threads::cores;
 use crate::bus::SwarmDirectory;
 use crate::bus::Wait;
 use crate::environment::{Environment, PhysicsSpec};
+use crate::failed;
 use crate::link;
 #[cfg(feature = "view")]
 use crate::supervisor::Control;
@@ -31,7 +32,6 @@ use crate::supervisor::{
 };
 #[cfg(feature = "view")]
 use crate::view::{Camera, Facts, Film, Live, Window};
-use crate::{failed, usage};
 
 /// Start a swarm, play episodes, and report how the team did
 #[derive(Debug, Args)]
@@ -146,8 +146,8 @@ pub struct Spawn {
 
     /// How long an agent may take for a tick before it counts as hung and is killed; its observation must be published
     /// within four fifths of that. With --rate: how long it may miss ticks [default: 1s, and 1ms for each agent in each
-    /// world]. With --env: also how long the environment may take for a step [default: 10s]
-    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "in_process", help_heading = FAULTS)]
+    /// world]. With --env: also how long the environment may take for a step [default: 10s]. Not with --in-process alone
+    #[arg(long, value_name = "TIME", value_parser = duration, help_heading = FAULTS)]
     deadline: Option<Duration>,
 
     /// Kill and stop agents on purpose, each with a probability per tick and for a time, such as
@@ -219,17 +219,13 @@ impl Spawn {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         signals::install()?;
+        self.check()?;
         let scheduling = self.scheduling()?;
         let scene = self.find_scene()?;
         let source = self.find_policy(&scene.spec)?;
         let links = self.find_links(&scene)?;
         let policy = source.load(&scene.spec)?;
         let settings = self.settings(&scene, &links, source, &policy)?;
-        if self.chaos.is_some() && settings.worlds > 1 {
-            return Err(usage!(
-                "--chaos needs --worlds 1: an agent is one process for all worlds, and a kill would hit them all"
-            ));
-        }
         #[cfg_attr(not(feature = "view"), expect(unused_mut))]
         let mut onlookers = Onlookers {
             #[cfg(feature = "view")]

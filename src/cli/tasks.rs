@@ -65,6 +65,7 @@ fn as_json(task: &Task) -> serde_json::Value {
         "aliases": task.aliases(),
         "agents": task.spec().n_agents(),
         "landmarks": task.spec().landmarks,
+        "targets": task.spec().targets,
         "observation_dim": task.spec().padded_obs_dim(),
         "joint_dim": task.spec().joint_dim(),
         "predicted_dim": task.spec().predicted_dim(),

@@ -1,5 +1,7 @@
 //! What an environment in another process says of itself, checked: nothing that follows from it may surprise anybody.
 
+use std::collections::HashSet;
+
 use serde::{Deserialize, Serialize};
 
 use super::{About, ActionSpace, AgentSpec, Spec, Value};
@@ -7,7 +9,7 @@ use crate::base::error::Result;
 use crate::base::rng::MAX_AGENTS;
 use crate::usage;
 
-/// The most values that an agent may observe, and the most that its action may have.
+/// The most values, or choices, that an action may have.
 const MOST_VALUES: usize = 1 << 16;
 
 /// The longest episode, in steps: their numbers have 32 bits.
@@ -43,31 +45,41 @@ impl Description {
 
 fn check(spec: &Spec) -> Result<()> {
     let (id, team) = (&spec.id, spec.n_agents());
-    if id.is_empty() || id.chars().any(char::is_control) {
+    if !is_name(id) {
         return Err(usage!("an environment has a name, not {id:?}"));
     }
     if !(1..=MAX_AGENTS).contains(&team) {
         return Err(usage!("{id} has {team} agents, and a team has 1 to {MAX_AGENTS}"));
     }
     if !(1..=LONGEST_EPISODE).contains(&spec.episode_steps) {
-        return Err(usage!("{id} has episodes of {} steps, not of 1 to 2^32", spec.episode_steps));
+        return Err(usage!(
+            "{id} has episodes of {} steps, not of 1 to {LONGEST_EPISODE}",
+            spec.episode_steps
+        ));
     }
     if !(spec.dt > 0.0 && spec.dt.is_finite()) {
         return Err(usage!("a step of {id} takes {} s, not a time above 0", spec.dt));
     }
+    let mut names = HashSet::new();
     spec.agents.iter().try_for_each(|agent| {
+        let name = &agent.name;
+        if !is_name(name) || !names.insert(name) {
+            return Err(usage!("the agents of {id} have names, each its own, and one is called {name:?}"));
+        }
         check_observation(id, team, agent)?;
         check_actions(id, agent)
     })
 }
 
+/// Whether it can stand in a line for people.
+fn is_name(text: &str) -> bool {
+    !text.is_empty() && !text.chars().any(char::is_control)
+}
+
 fn check_observation(id: &str, team: usize, agent: &AgentSpec) -> Result<()> {
     let AgentSpec { name: observer, observation, .. } = agent;
-    if !(1..=MOST_VALUES).contains(&observation.len()) {
-        return Err(usage!(
-            "{observer} of {id} observes {} values, not 1 to {MOST_VALUES}",
-            observation.len()
-        ));
+    if observation.is_empty() {
+        return Err(usage!("{observer} of {id} observes 0 values, not 1 or more"));
     }
     for Value { about, rate, .. } in observation {
         if let About::Agent(about) = about
@@ -76,6 +88,12 @@ fn check_observation(id: &str, team: usize, agent: &AgentSpec) -> Result<()> {
             return Err(usage!(
                 "{id} says that {observer} observes a value about agent {about}, and the team has {team}; they count \
                  from 0"
+            ));
+        }
+        if let About::Target(about) = about {
+            return Err(usage!(
+                "{id} says that {observer} observes a value about target {about}, and only built-in tasks have targets; \
+                 say that it is about a message"
             ));
         }
         if let Some((rate, _)) = rate
@@ -136,13 +154,18 @@ mod tests {
         let spec = described(|_| {}).unwrap();
         assert_eq!((spec.unique, spec.joint_dim(), spec.action_width()), (2, 4, 1));
         type Change = fn(&mut Description);
-        let changes: [(Change, &str); 8] = [
+        let changes: [(Change, &str); 13] = [
             (|it| it.id.clear(), "has a name"),
             (|it| it.agents.clear(), "has 0 agents"),
+            (|it| it.agents[0].name.clear(), "one is called \"\""),
+            (|it| it.agents[1].name = "left".into(), "one is called \"left\""),
+            (|it| it.agents[1].name = "ri\nght".into(), "one is called \"ri\\nght\""),
             (|it| it.episode_steps = 0, "episodes of 0 steps"),
+            (|it| it.episode_steps = 1 << 32, "not of 1 to 4294967295"),
             (|it| it.dt = Some(0.0), "takes 0 s"),
             (|it| it.agents[1].observation.clear(), "right of drift observes 0 values"),
             (|it| it.agents[0].observation[1].about = About::Agent(2), "left observes a value about agent 2"),
+            (|it| it.agents[0].observation[1].about = About::Target(0), "a value about target 0"),
             (|it| it.agents[0].observation[1].rate = Some((2, 1.0)), "value 2 of what left observes"),
             (
                 |it| it.agents[1].actions = ActionSpace::Box { low: vec![0.0], high: vec![] },
@@ -153,5 +176,12 @@ mod tests {
             let error = described(change).unwrap_err().to_string();
             assert!(error.contains(says), "{error}");
         }
+    }
+
+    #[test]
+    fn an_agent_may_observe_a_picture() {
+        let frame = vec![Value::word(About::Message); 210 * 160 * 3];
+        let spec = described(|it| it.agents[0].observation = frame).unwrap();
+        assert_eq!(spec.padded_obs_dim(), 210 * 160 * 3);
     }
 }

@@ -1,4 +1,5 @@
-//! Who moves and is not of the team: it goes straight on until it turns, which nobody foresees, and stays inside.
+//! Who moves and is not of the team: it goes straight on until it turns, which nobody foresees, and goes back at the
+//! walls. A task may put it elsewhere after that, beyond the walls too.
 
 use std::f64::consts::TAU;
 

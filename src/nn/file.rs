@@ -98,11 +98,6 @@ impl PolicyFile {
         precisions.all(|other| other == first).then_some(first)
     }
 
-    /// The number of weights and biases.
-    pub(crate) fn n_parameters(&self) -> usize {
-        self.tensors.iter().map(FileTensor::n_values).sum()
-    }
-
     /// The description in `bytes`, the content of a file that errors call `source`.
     pub(super) fn parse(bytes: &[u8], source: &str) -> Result<PolicyFile> {
         let (header, content) = SafeTensors::read_metadata(bytes)

@@ -13,7 +13,7 @@ use super::errors::raised;
 use crate::agent::process::leave_with;
 use crate::base::error::Result;
 use crate::bus::{
-    Header, Kind, Line, LineLayout, LineSettings, PROTOCOL, Role, SwarmAddress, halves, join, now_ns,
+    Header, Kind, Line, LineEnd, LineLayout, LineSettings, PROTOCOL, SwarmAddress, halves, join, now_ns,
 };
 use crate::environment::Description;
 use crate::{failed, usage};
@@ -130,7 +130,7 @@ impl Hosting {
         leave_with(told.supervisor, Signal::KILL)?;
         let deadline = Instant::now() + OPEN_DEADLINE;
         let line = loop {
-            match Line::open(&told.tag, Role::Agent) {
+            match Line::open(&told.tag, LineEnd::Environment) {
                 Err(_) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(20)),
                 opened => break opened?,
             }

@@ -109,9 +109,10 @@ fn check_actions(task: &Task, episode: &Episode) -> std::result::Result<(), Stri
 /// Whether what is random in steps can be drawn again.
 fn check_draws(task: &Task, seed: Option<u64>, episode: &Episode) -> std::result::Result<(), String> {
     let addressed = seed.is_some() && episode.episode.is_some();
-    if task.chance() > 0.0 && !addressed {
+    if (task.chance() > 0.0 || task.spec().targets > 0) && !addressed {
         return Err(
-            "motor noise and wind cannot be drawn again without `seed` and the number of each `episode`"
+            "motor noise, wind and the turns of targets cannot be drawn again without `seed` and the number of each \
+             `episode`"
                 .to_owned(),
         );
     }

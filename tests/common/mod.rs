@@ -204,6 +204,22 @@ pub fn is_running(process: Pid) -> bool {
     stat.is_ok_and(|stat| !stat.contains(") Z "))
 }
 
+/// Fails if a process with such a command line, a pattern of `pgrep`, is still there. What was killed may take a moment.
+pub fn assert_no_process(pattern: &str) {
+    let deadline = Instant::now() + Duration::from_secs(10);
+    loop {
+        let Ok(found) = Command::new("pgrep").args(["-f", pattern]).output() else {
+            return eprintln!("skipped: this machine has no `pgrep`");
+        };
+        let found = String::from_utf8_lossy(&found.stdout);
+        if found.is_empty() {
+            return;
+        }
+        assert!(Instant::now() < deadline, "`{pattern}` is still there: {found}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 /// A line of `/proc/PID/status`.
 pub fn status(process: Pid, name: &str) -> String {
     let text = std::fs::read_to_string(format!("/proc/{}/status", process.as_raw_nonzero())).unwrap();

@@ -1,11 +1,15 @@
 """Imputers that are fitted to a team from elsewhere."""
 
+import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from vamaro_swarm import FittedImputer, LossyLinks, evaluate, fit_imputer
+
+PROGRAM = Path(sys.executable).with_name("vamaro-swarm")
 
 
 def coasting(agent, estimate):
@@ -35,6 +39,18 @@ def errors(env_fn, imputer):
 def test_it_learns_how_the_others_move(drift, fitted):
     by_fitted, by_holding = errors(drift, fitted), errors(drift, "hold")
     assert by_fitted < 0.5 * by_holding, (by_fitted, by_holding)
+
+
+def test_inspect_shows_an_imputer_and_nobody_who_acts(fitted):
+    shown = [
+        subprocess.run([PROGRAM, "inspect", fitted.path, *more], capture_output=True, text=True, timeout=60, check=True)
+        for more in ([], ["--json"])
+    ]
+    text, held = shown[0].stdout, json.loads(shown[1].stdout)
+    assert text.startswith("imputer for drift\n") and held["kind"] == "imputer"
+    assert f"parameters  {held['parameters']}\n" in text
+    assert (held["actor"], held["sharing"], held["hidden"]) == (None, None, None)
+    assert held["tensors"] and not [it for it in held["tensors"] if it["name"].startswith("actors.")]
 
 
 def test_it_is_an_imputer_like_others(drift, fitted):

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -134,6 +135,15 @@ FAULTS = {
 }
 
 
+def tags_until_all_end(place, swarms):
+    """The tags of swarms, and of their lines to environments, seen while they run."""
+    tags, deadline = set(), time.monotonic() + 120
+    while any(swarm.poll() is None for swarm in swarms) and time.monotonic() < deadline:
+        tags |= {path.name for path in place.iterdir()} if place.exists() else set()
+        time.sleep(0.02)
+    return tags
+
+
 def test_what_an_environment_does_wrong_is_said_of_it(tmp_path, monkeypatch):
     (tmp_path / "bad.py").write_text(BAD)
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
@@ -145,12 +155,16 @@ def test_what_an_environment_does_wrong_is_said_of_it(tmp_path, monkeypatch):
             words = ["--env", f"{SERVE} bad:Bad fault={fault}", "--policy", "untrained", "--episodes", "1"]
             words += ["--deadline", "2s"] if fault == "hangs" else ["--in-process"]
             swarms[fault] = start(tmp_path, *words)
+        tags = tags_until_all_end(Path(folder, "vamaro-swarm"), swarms.values())
         for fault, says in FAULTS.items():
             _, error = swarms[fault].communicate(timeout=120)
             last = error.strip().splitlines()[-1]
             assert swarms[fault].returncode == 1 and says in last, error
             assert last.startswith("error: the environment (") and f"bad:Bad fault={fault})" in last, error
         assert not list(Path(folder, "vamaro-swarm").iterdir())
+    # Each has a line to its environment; the one with processes has a swarm, too.
+    assert len(tags) >= len(FAULTS), tags
+    assert not [name for name in os.listdir("/dev/shm") if name.startswith(tuple(f"vs_{tag}" for tag in tags))]
 
 
 def test_commands_that_make_no_sense(tmp_path):
@@ -162,3 +176,4 @@ def test_commands_that_make_no_sense(tmp_path):
         swarm = start(tmp_path, "--env", f"{SERVE} {words}")
         _, error = swarm.communicate(timeout=120)
         assert swarm.returncode in (1, 2) and says in error.strip().splitlines()[-1], error
+        assert says != "expected arguments such as N=4" or "Traceback" not in error, error

@@ -175,9 +175,7 @@ fn who_never_gets_ready_takes_those_along_that_it_started() {
     let conduct = Conduct { command: Some(common::this_binary()), others, deadlines, ..Conduct::default() };
     let error = Processes::start(&settings, &policy, conduct).unwrap_err().to_string();
     assert!(error.contains("agent-1") && error.contains("did not get ready within 2s"), "{error}");
-    let found = Command::new("pgrep").args(["-f", &format!("sleep {seconds}$")]).output();
-    let Ok(found) = found else { return eprintln!("skipped: this machine has no `pgrep`") };
-    assert_eq!(String::from_utf8_lossy(&found.stdout), "", "it has left somebody behind");
+    common::assert_no_process(&format!("sleep {seconds}$"));
 }
 
 #[test]
@@ -220,12 +218,12 @@ fn what_an_examined_stranger_does_wrong_is_found() {
     }
 }
 
-fn run_line(words: &[&str]) -> std::process::Output {
+pub fn run_line(words: &[&str]) -> std::process::Output {
     Command::new(PROGRAM).args(words).output().unwrap()
 }
 
 /// Python with these packages; `None` where there is none.
-fn python(packages: &str) -> Option<String> {
+pub fn python(packages: &str) -> Option<String> {
     let own = PathBuf::from(ROOT).join("target/python-agents/bin/python");
     let python = if own.exists() { own.display().to_string() } else { "python3".to_owned() };
     let has = Command::new(&python).args(["-c", &format!("import {packages}")]).output();

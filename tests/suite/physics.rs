@@ -49,9 +49,25 @@ fn a_recorded_swarm_is_the_same_anywhere_and_is_taken_back() {
     verify_with(
         &|trace| trace["seed"] = Value::Null,
         1,
-        "motor noise and wind cannot be drawn again without `seed`",
+        "motor noise, wind and the turns of targets cannot be drawn again without `seed`",
     );
     verify_with(&|trace| trace["physics"] = "gravity=1".into(), 1, "physics has no `gravity`");
+}
+
+#[test]
+fn targets_cannot_be_drawn_again_without_their_address() {
+    let folder = tempfile::tempdir().unwrap();
+    let trace = folder.path().join("trace.json");
+    let words = "spawn --task scout-2 --policy untrained --episodes 1 --in-process --record";
+    succeed(&format!("{words} {}", trace.display()));
+    let recorded: Value = serde_json::from_slice(&fs::read(&trace).unwrap()).unwrap();
+    let without_seed: fn(&mut Value) = |trace| trace["seed"] = Value::Null;
+    for change in [without_seed, |trace| trace["episodes"][0]["episode"] = Value::Null] {
+        let mut changed = recorded.clone();
+        change(&mut changed);
+        fs::write(&trace, changed.to_string()).unwrap();
+        fail(&format!("verify {}", trace.display()), 1, &["the turns of targets cannot be drawn again"]);
+    }
 }
 
 #[test]

@@ -14,7 +14,7 @@ use crate::environment::{ActionSpace, Environment, Spec, Task};
 use crate::link::{CommunicationMatrix, LinkSpec, RadioLog, Site, complement};
 use crate::nn::{Policy, PolicyFile};
 use crate::recording::{FORMAT_VERSION, Format, RecordingHeader};
-use crate::supervisor::{Deadlines, Hosted, Recorder};
+use crate::supervisor::{AgentCommand, Deadlines, Hosted, Recorder};
 use crate::usage;
 
 /// How long the process of an environment may take to start: some import for long.
@@ -29,22 +29,49 @@ pub(super) struct Scene {
 }
 
 impl Spawn {
+    /// Refuses what is wrong whatever is played.
+    pub(super) fn check(&self) -> Result<()> {
+        if self.chaos.is_some() && self.active_worlds() > 1 {
+            return Err(usage!(
+                "--chaos needs --worlds 1: an agent is one process for all worlds, and a kill would hit them all"
+            ));
+        }
+        if self.deadline.is_some() && self.in_process && self.environment.is_none() {
+            return Err(usage!(
+                "--deadline is for processes, and with --in-process there are none, unless --env starts one; leave out \
+                 one of the two"
+            ));
+        }
+        Ok(())
+    }
+
     /// A task, or what another process hosts.
     pub(super) fn find_scene(&self) -> Result<Scene> {
         let worlds = self.active_worlds();
         if let Some(command) = &self.environment {
-            let usual = Deadlines { ready: LONGEST_START, ..Deadlines::default() };
-            let deadlines = Deadlines { answer: self.deadline.unwrap_or(usual.answer), ..usual };
-            let hosted = Hosted::start(command, worlds, deadlines)?;
-            return Ok(Scene {
-                spec: hosted.spec().clone(),
-                tick: hosted.tick(),
-                environment: Box::new(hosted),
-            });
+            return self.find_hosted(command, worlds);
         }
         let task = self.find_task(&policy_source(&self.policy, self.seed)?)?.with_physics(self.physics)?;
         let spec = task.spec().clone();
         Ok(Scene { tick: Some(spec.dt), spec, environment: task.environment(worlds) })
+    }
+
+    /// What this command hosts. It may take long to start, so what can be wrong without it is looked at first.
+    fn find_hosted(&self, command: &AgentCommand, worlds: usize) -> Result<Scene> {
+        policy_source(&self.policy, self.seed)?;
+        self.check_links()?;
+        let usual = Deadlines { ready: LONGEST_START, ..Deadlines::default() };
+        let deadlines = Deadlines { answer: self.deadline.unwrap_or(usual.answer), ..usual };
+        let hosted = Hosted::start(command, worlds, deadlines)?;
+        let (spec, tick) = (hosted.spec().clone(), hosted.tick());
+        if self.chaos.is_some() && self.rate.or(tick).is_none() {
+            return Err(usage!(
+                "--chaos is for some time, and {} does not say how long a step is; give --rate, or have its description \
+                 give `dt`",
+                spec.id
+            ));
+        }
+        Ok(Scene { spec, tick, environment: Box::new(hosted) })
     }
 
     /// The policy; none where every agent is another program, and none is asked for or built in.
@@ -113,9 +140,23 @@ impl Spawn {
     }
 
     pub(super) fn find_links(&self, scene: &Scene) -> Result<LinkSpec> {
-        let level = self.p.or(self.drop.map(complement));
         let tick = self.rate.map(|rate| 1.0 / rate).or(scene.tick);
-        let site = Site { tick, ..Site::from(&scene.spec) };
+        self.links_at(Site { tick, ..Site::from(&scene.spec) })
+    }
+
+    /// Refuses links before it is known where they are: what is wrong in the same words at two places that have nothing in
+    /// common is wrong anywhere.
+    fn check_links(&self) -> Result<()> {
+        let places = [(1, 1e-3), (MAX_AGENTS, 1e3)];
+        let wrong = places.map(|(agents, tick)| self.links_at(Site { agents, tick: Some(tick) }).err());
+        match wrong {
+            [Some(here), Some(there)] if here.to_string() == there.to_string() => Err(here),
+            _ => Ok(()),
+        }
+    }
+
+    fn links_at(&self, site: Site) -> Result<LinkSpec> {
+        let level = self.p.or(self.drop.map(complement));
         let links = self.links.as_deref().map(|text| LinkSpec::parse(text, site)).transpose()?;
         match (level.map(LinkSpec::level).transpose()?, links) {
             (Some(level), Some(links)) => level.then(links),
