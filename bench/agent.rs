@@ -40,7 +40,7 @@ fn pieces(c: &mut Criterion) {
                 bencher.iter(|| (0..worlds).for_each(|world| agent.fuse(world, &observation, &inbox)))
             });
             c.bench_function(&format!("act, {kind}, {worlds} worlds"), |bencher| {
-                bencher.iter(|| agent.act(0, 0, &vec![0.5; worlds]))
+                bencher.iter(|| agent.act(0, 0, &vec![0.5; worlds]).expect("a network acts"))
             });
             c.bench_function(&format!("predict, {kind}, {worlds} worlds"), |bencher| {
                 bencher.iter(|| agent.predict())

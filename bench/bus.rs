@@ -15,7 +15,8 @@ fn observations(c: &mut Criterion) {
     for bytes in [64, 1024, 16384, 65536] {
         let directory = SwarmDirectory::create().expect("room for a swarm");
         let address = SwarmAddress { agents: 2, ..SwarmAddress::of(directory.tag()) };
-        let layout = Layout { agents: 2, observation: bytes / 4, action: 1, joint: 1, logits: 1 };
+        let layout =
+            Layout { agents: 2, observation: bytes / 4, action: 1, joint: 1, logits: 1, relay: false };
         let supervisor = SupervisorPort::create(&address, &layout).expect("services");
         let mut ports =
             [0, 1].map(|agent| AgentSharedPort::open(&address, &layout, agent, 0).expect("ports"));

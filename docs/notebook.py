@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A team of your own, over links that fail
 #
-# A team is trained with a small PPO on mpe2's `simple_reference_v3`, frozen, and played over lossy links. Then an imputer is
-# fitted to it, and all imputers are compared. Run it as a script (`python docs/notebook.py`, some minutes), or cell by cell in
+# A team is trained with a small PPO on mpe2's `simple_speaker_listener_v4`, frozen, and played over lossy links. Then an imputer is
+# fitted to it, and all imputers are compared. Run it as a script (`python docs/notebook.py`, a quarter of an hour), or cell by cell in
 # an editor that knows `# %%`. With `--short` it trains and plays just enough to see that all works; the numbers then say
 # nothing.
 
@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from mpe2 import simple_reference_v3
+from mpe2 import simple_speaker_listener_v4
 from vamaro_swarm import LossyLinks, evaluate, fit_imputer
 
 SHORT = "--short" in sys.argv
@@ -21,11 +21,11 @@ OUT.mkdir(exist_ok=True)
 # %% [markdown]
 # ## The task
 #
-# Two agents move among three landmarks. Each has to reach a landmark that only the other one knows: it is in the other's
-# observation, as a colour. So their observations differ, and neither can do without the other's.
+# A listener moves among three landmarks and has to reach one of them. Which one only the speaker knows, who cannot move: it is
+# in the speaker's observation, as a colour. So their observations differ, and the listener cannot do without the speaker's.
 
 # %%
-make = simple_reference_v3.parallel_env
+make = simple_speaker_listener_v4.parallel_env
 env = make()
 AGENTS = env.possible_agents
 SIZES = [env.observation_space(agent).shape[0] for agent in AGENTS]
@@ -142,7 +142,7 @@ def learn(updates, seed=0, envs=32, epochs=8, rate=1e-3, discount=0.95, smooth=0
 
 
 # %%
-actors = learn(2 if SHORT else 600)
+actors = learn(2 if SHORT else 2000)
 
 # %% [markdown]
 # ## The frozen team
@@ -167,8 +167,8 @@ print({agent: (seen.shape, infos[agent]["ages"].tolist()) for agent, seen in obs
 # `fit_imputer` plays the team, and trains a predictor of what each agent will observe.
 
 # %%
-sizes = dict(steps=400, updates=20) if SHORT else dict(steps=200_000, updates=8_000)
-fitted = fit_imputer(make, policy, out=OUT / "reference.safetensors", **sizes)
+sizes = dict(steps=400, updates=20) if SHORT else dict(steps=100_000, updates=4_000)
+fitted = fit_imputer(make, policy, out=OUT / "imputer.safetensors", **sizes)
 
 # %% [markdown]
 # ## How robust is it?

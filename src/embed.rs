@@ -67,13 +67,15 @@ fn check(process: &ProcessSettings) -> Result<()> {
         ));
     }
     let team = settings.spec.n_agents();
+    // With --relay, a message has an observation and an age of everybody.
+    let relayed = team.saturating_mul(settings.spec.padded_obs_dim().saturating_add(1));
+    let widest = settings.spec.joint_dim().max(settings.spec.n_actions()).max(relayed);
     let sound = (1..=MAX_AGENTS).contains(&team)
         && address.agents == team
         && *agent < team
         && settings.worlds > 0
         && address.worlds == settings.worlds
-        && settings.worlds.saturating_mul(settings.spec.joint_dim().max(settings.spec.n_actions()))
-            <= MOST_WORDS
+        && settings.worlds.saturating_mul(widest) <= MOST_WORDS
         && address.longest_delay == settings.longest_delay
         && address.longest_delay <= LONGEST_DELAY
         && is_tag(&address.tag);

@@ -120,7 +120,7 @@ pub fn message(bytes: &[u8]) {
         ..Header::default()
     };
     let words: Vec<u32> = words.collect();
-    let layout = Layout { agents: 3, observation: 5, action: 1, joint: 9, logits: 5 };
+    let layout = Layout { agents: 3, observation: 5, action: 1, joint: 9, logits: 5, relay: false };
     // As receivers do: how many worlds there are they know themselves.
     for worlds in [1, 2, 3] {
         for (kind, length) in [

@@ -41,6 +41,7 @@ pub struct SwarmBuilder {
     seed: u64,
     worlds: usize,
     in_process: bool,
+    relay: bool,
     recordable: bool,
     conduct: Conduct,
 }
@@ -78,6 +79,7 @@ impl Swarm {
             seed: 0,
             worlds: 1,
             in_process: false,
+            relay: false,
             recordable: false,
             conduct: Conduct::default(),
         }
@@ -210,6 +212,11 @@ impl SwarmBuilder {
         self
     }
 
+    /// Has messages also carry the newest that their senders hold of others.
+    pub fn relay(self) -> SwarmBuilder {
+        SwarmBuilder { relay: true, ..self }
+    }
+
     /// Makes agents report the logits they decide by. A [`Recorder`](crate::supervisor::Recorder) needs them.
     pub fn recordable(self) -> SwarmBuilder {
         SwarmBuilder { recordable: true, ..self }
@@ -257,6 +264,7 @@ impl SwarmBuilder {
             seed: self.seed,
             worlds: environment.worlds(),
             longest_delay: links.longest_delay(),
+            relay: self.relay,
             tell_logits: self.recordable,
             spec,
         };
@@ -265,7 +273,8 @@ impl SwarmBuilder {
         } else {
             Agents::Processes(Box::new(Processes::start(&settings, &policy, self.conduct)?))
         };
-        Ok(Swarm { session: Session::new(environment, links, self.seed), ledger: Ledger::default(), agents })
+        let session = Session::new(environment, links, self.seed).relaying(self.relay);
+        Ok(Swarm { session, ledger: Ledger::default(), agents })
     }
 }
 

@@ -80,7 +80,14 @@ fn an_episode_allocates_nothing() {
 
 #[test]
 fn running_networks_allocates_nothing_after_the_first_pass() {
-    let dims = Dims { task: "toy".to_string(), n_agents: 4, joint: 24, predicted: 16, n_actions: 5 };
+    let dims = Dims {
+        task: "toy".to_string(),
+        n_agents: 4,
+        joint: 24,
+        predicted: 16,
+        n_actions: 5,
+        agents: Vec::new(),
+    };
     for (actor, sharing) in [(ActorKind::Mlp, Sharing::Separate), (ActorKind::Gru, Sharing::Shared)] {
         let networks = Networks { sharing, ..Networks::paper(actor) };
         let policy = Policy::untrained(&dims, 1, networks).unwrap();
@@ -91,7 +98,7 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         let (mut logits, mut out) = (vec![0.0; rows * dims.n_actions], vec![0.0; rows * 2 * dims.predicted]);
         let mut scratch = Scratch::default();
         let mut tick = || {
-            actor.step(rows, &inputs, &[], &mut memory, &mut scratch, &mut logits);
+            actor.step(rows, &inputs, &[], &mut memory, &mut scratch, &mut logits).unwrap();
             actor.prepare(rows, &mut memory);
             predictor.step(rows, &inputs, &[], &mut state, &mut scratch, &mut out);
         };
@@ -120,7 +127,9 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
         let (policy, imputer) = (policy.clone(), imputer.to_owned());
         let links = LinkSpec::parse("level(0.5) + delay(0, 2)", agents).unwrap().build();
         let longest_delay = links.longest_delay();
-        let settings = AgentSettings { policy, imputer, longest_delay, ..AgentSettings::of(task.spec()) };
+        let relay = imputer == "dynamics";
+        let settings =
+            AgentSettings { policy, imputer, longest_delay, relay, ..AgentSettings::of(task.spec()) };
         let layout = settings.layout();
         let directory = SwarmDirectory::create().unwrap();
         let address = SwarmAddress { agents, longest_delay, ..SwarmAddress::of(directory.tag()) };
@@ -131,7 +140,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
             Member::new(agent, port, layout, address.id(), 0)
         };
         let mut members: Vec<_> = (0..agents).map(member).collect();
-        let mut stage = Stage::new(task.environment(1), links, 1);
+        let mut stage = Stage::new(task.environment(1), links, 1).relaying(relay);
         let mut decisions = Decisions { actions: vec![0; agents], ..Decisions::default() };
         for episode in 0..3 {
             stage.begin_episodes(u64::MAX).unwrap();
@@ -158,7 +167,7 @@ fn a_tick_over_shared_memory_allocates_nothing_but_loans_after_the_first_episode
                         for agent in 0..agents {
                             let sensor = Sensor {
                                 carried_out: &tick.carried_out[agent..=agent],
-                                ages: tick.arriving(agent, 0),
+                                ages: tick.messages(agent, 0),
                                 draws: &[[0; 2]],
                                 observations: tick.observation(task.spec(), agent, 0),
                             };

@@ -17,6 +17,7 @@ PROTOCOL = 8
 READY, SENSOR, OBSERVATION, DECISION, SHUTDOWN = 1, 2, 3, 4, 5
 NOT_ARRIVED = 255
 LARGEST = 1e9  # values of observations beyond this are invalid
+OLDEST = 100  # ticks; what is older is not passed on
 
 
 class Header(ctypes.Structure):
@@ -73,7 +74,9 @@ class Port:
         self.spins = told["wait"] == "spin"
         self.patience = told["peers"]["secs"]
         self.own, self.decided = None, None  # the tick's sensor message; the tick of the last decision
-        self.peers, self.started = {}, {}  # observations by sender and tick; how often each peer was started
+        self.peers, self.started = {}, {}  # messages by sender and tick; how often each peer was started
+        self.relay = self.layout["relay"]
+        self.held, self.last = {}, None  # what to pass on, and when it was made; the header of the last tick
         config = iox2.config.default()
         config.global_cfg.root_path = iox2.Path.new(wire["root"])
         config.global_cfg.prefix = iox2.FileName.new(wire["prefix"])
@@ -86,11 +89,15 @@ class Port:
         self._sensor = self._words(f"sensor-{self.index}").subscriber_builder().buffer_size(2).create()
         observations, decisions = self._words("observations"), self._words("decisions")
         self._observations_in = observations.subscriber_builder().buffer_size(2).create()
-        worlds, layout = address["worlds"], self.layout
-        self._observations_out = self._publisher(observations, worlds * layout["observation"])
+        worlds = address["worlds"]
+        self._observations_out = self._publisher(observations, self.observation_words(worlds))
         self._decisions_out = self._publisher(decisions, self.decision_words(worlds))
         self._wake = self._event("wake-supervisor").notifier_builder().create()
         self._woken = self._event("wake-agents").listener_builder().create()
+
+    def observation_words(self, worlds):
+        agents, length = self.layout["agents"], self.layout["observation"]
+        return words_of_ages(worlds, agents) + worlds * agents * length if self.relay else worlds * length
 
     def decision_words(self, worlds):
         layout = self.layout
@@ -133,13 +140,36 @@ class Port:
             elif not sensed:
                 self._sleep(min(left, 0.1), wakes=not header.deadline_ns)
 
-    def delivered(self, world, sender):
-        """What arrives from a peer in a world, and how old it is; None if nothing does."""
+    def delivered(self, world, origin):
+        """What a peer observed that is new in a world, and how old it is; None if nothing is. To be called once a tick."""
+        if not self.relay:
+            return self._told(world, origin, origin)
+        told = [self._told(world, sender, origin) for sender in range(self.layout["agents"])]
+        newest = min((found for found in told if found), key=lambda found: found[1], default=None)
+        if newest is None or newest[1] >= self._age(world, origin):
+            return None
+        self.held[world, origin] = newest[0], self.own.header.tick - newest[1]
+        return newest
+
+    def _told(self, world, sender, origin):
+        """What the message that arrives from a sender tells of an agent, and how old that is; None if nothing."""
         age, now = int(self.own.ages[world, sender]), self.own.header
         message = self.peers.get((sender, now.tick - age)) if age != NOT_ARRIVED else None
         if message is None or now.deadline_ns and message[0].sent_ns > now.deadline_ns:
             return None
-        return (message[1][world], age) if world < len(message[1]) else None
+        _, ages, observations = message
+        if world >= len(observations):
+            return None
+        if not self.relay:
+            return observations[world], age
+        then = int(ages[world, origin])
+        return (observations[world, origin], age + then) if age + then <= OLDEST else None
+
+    def _age(self, world, origin):
+        """How old what is held of an agent is."""
+        made = self.held[world, origin][1] if (world, origin) in self.held else -OLDEST
+        age = self.own.header.tick - made
+        return age if age <= OLDEST else NOT_ARRIVED
 
     def decide(self, actions, ages, estimates, logits, received_ns, fused_ns):
         """Publishes a decision, each part `[worlds, ..]`. Actions are numbers, or rows of f32 values."""
@@ -159,10 +189,28 @@ class Port:
         self.decided = self.own.header.tick
 
     def _publish(self):
-        words = self.own.observations.view(np.uint32).ravel()
+        words = self._relayed() if self.relay else self.own.observations.view(np.uint32).ravel()
         self._send(self._observations_out, self.own.header, OBSERVATION, words)
         if not self.own.header.deadline_ns:
             self.wake()
+
+    def _relayed(self):
+        """What is held of all agents, as a message."""
+        now, last = self.own.header, self.last
+        if last is None or now.step == 0 or now.episode != last.episode or now.tick > last.tick + 1:
+            self.held = {}
+        self.last = now
+        agents, length = self.layout["agents"], self.layout["observation"]
+        ages = np.zeros(4 * words_of_ages(now.worlds, agents), np.uint8)
+        observations = np.zeros((now.worlds, agents, length), np.float32)
+        for world, origin in np.ndindex(now.worlds, agents):
+            age = 0 if origin == self.index else self._age(world, origin)
+            ages[world * agents + origin] = age
+            if origin == self.index:
+                observations[world, origin] = self.own.observations[world]
+            elif age != NOT_ARRIVED:
+                observations[world, origin] = self.held[world, origin][0]
+        return np.concatenate([ages.view(np.uint32), observations.view(np.uint32).ravel()])
 
     def _sense(self):
         """The newest message of the supervisor: a tick, "leave", or None if there is none."""
@@ -185,13 +233,20 @@ class Port:
         agents, length = self.layout["agents"], self.layout["observation"]
         while sample := self._observations_in.receive():
             header, words = self._read(sample)
-            values = words.view(np.float32)
             fits = header.protocol == PROTOCOL and header.kind == OBSERVATION and header.swarm == self.swarm
-            fits = fits and header.sender < agents and len(values) == header.worlds * length
-            if fits and header.incarnation >= self.started.get(header.sender, 0) and np.all(np.abs(values) <= LARGEST):
+            fits = fits and header.sender < agents and len(words) == self.observation_words(header.worlds)
+            if not fits or header.incarnation < self.started.get(header.sender, 0):
+                continue
+            ages, values = np.split(words, [words_of_ages(header.worlds, agents) if self.relay else 0])
+            ages, values = ages.view(np.uint8), values.view(np.float32)
+            if self.relay:
+                ages = ages[: header.worlds * agents].reshape(header.worlds, agents)
+                own = np.arange(agents) == header.sender
+                fits = np.array_equal(ages == 0, np.broadcast_to(own, ages.shape))
+            if fits and np.all(np.abs(values) <= LARGEST):
                 self.started[header.sender] = header.incarnation
                 # The first message of a tick counts.
-                message = header, values.reshape(header.worlds, length)
+                message = header, ages, values.reshape(header.worlds, *[agents] * self.relay, length)
                 self.peers.setdefault((header.sender, header.tick), message)
         oldest = self.own.header.tick - self.told["address"]["longest_delay"]
         self.peers = {key: kept for key, kept in self.peers.items() if key[1] >= oldest}

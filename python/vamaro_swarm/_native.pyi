@@ -33,6 +33,7 @@ class Arena:
         policy: str | None,
         worlds: int,
         share_at_start: bool,
+        relay: bool = ...,
     ) -> Arena: ...
     @staticmethod
     def elsewhere(
@@ -45,6 +46,7 @@ class Arena:
         imputer: str,
         policy: str | PathLike[str] | None,
         share_at_start: bool,
+        relay: bool = ...,
     ) -> Arena: ...
     def team_reward(self, rewards: Sequence[float]) -> float: ...
     def tell(self, observations: NDArray[float32]) -> None: ...

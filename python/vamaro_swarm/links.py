@@ -33,7 +33,8 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
 
     Links deliver with probability `p`, and then as `links` says. If `share` is a function, agents send its result
     instead of their observation; an agent's own part is still its full observation. `imputer` is `zero`, `hold`,
-    `velocity`, `kalman`, a callable, or what `fit_imputer` returns.
+    `velocity`, `kalman`, a callable, or what `fit_imputer` returns. With `relay`, agents also send the newest that they
+    have received of others.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
         joint: bool = True,
         share: str | Share = "obs",
         share_at_start: bool = True,
+        relay: bool = False,
     ) -> None:
         if not hasattr(env, "possible_agents") or hasattr(env, "agent_iter"):
             raise ValueError(
@@ -77,6 +79,7 @@ class LossyLinks(BaseParallelWrapper[Any, Any, Any]):
             imputer=named if fitted is None else "fitted",
             policy=fitted,
             share_at_start=share_at_start,
+            relay=relay,
         )
         self._hearing = Hearing(arena, self._team, imputer)
         self._sent = np.zeros((len(self._team), max(self._lengths)), np.float32)

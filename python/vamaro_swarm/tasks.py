@@ -28,6 +28,7 @@ def parallel_env(
     imputer: str | Guess | None = ...,
     policy: str | None = ...,
     share_at_start: bool = ...,
+    relay: bool = ...,
     render_mode: str | None = ...,
     num_envs: None = ...,
 ) -> TaskEnv: ...
@@ -40,6 +41,7 @@ def parallel_env(
     imputer: str | Guess | None = ...,
     policy: str | None = ...,
     share_at_start: bool = ...,
+    relay: bool = ...,
     render_mode: str | None = ...,
     num_envs: int,
 ) -> VectorEnv: ...
@@ -51,6 +53,7 @@ def parallel_env(
     imputer: str | Guess | None = "hold",
     policy: str | None = None,
     share_at_start: bool = True,
+    relay: bool = False,
     render_mode: str | None = None,
     num_envs: int | None = None,
 ) -> TaskEnv | VectorEnv:
@@ -58,7 +61,8 @@ def parallel_env(
 
     Links deliver with probability `p`, and then as `links` says, such as `"gilbert(0.1, 0.3) + delay(1)"`. `imputer` is
     a name or a callable. Imputers that need a policy take it from `policy`, a file or `"builtin"`; `imputer=None` is the
-    default for that policy. With `num_envs` the result is a `VectorEnv`, whose arrays have that many rows.
+    default for that policy. With `relay`, agents also send the newest that they have received of others. With `num_envs`
+    the result is a `VectorEnv`, whose arrays have that many rows.
     """
     if callable(imputer) and num_envs is not None:
         raise ValueError("a callable imputer is for one world; leave out num_envs")
@@ -69,6 +73,7 @@ def parallel_env(
         policy=policy,
         worlds=1 if num_envs is None else num_envs,
         share_at_start=share_at_start,
+        relay=relay,
     )
     if num_envs is None:
         return TaskEnv(arena, imputer, render_mode)

@@ -4,15 +4,16 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::choice::{most_probable, sample};
+use super::choice::choose;
 use super::imputer::{Imputer, Registry, Setup, Step};
 use super::oracle::Oracle;
 use super::{Inbox, PolicySource, Truth};
 use crate::base::error::Result;
 use crate::bus::Layout;
-use crate::environment::Spec;
+use crate::environment::{ActionSpace, Spec};
 use crate::failed;
-use crate::nn::{Inference, NetworkState, Policy, Scratch};
+use crate::link::LONGEST_DELAY;
+use crate::nn::{Actor, ActorState, Policy, Scratch};
 
 /// What every agent of a team runs with.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -34,6 +35,8 @@ pub struct AgentSettings {
     pub worlds: usize,
     /// The most ticks by which links may postpone an observation: it is kept for so long.
     pub longest_delay: u8,
+    /// Whether messages also carry the newest that their senders hold of others.
+    pub relay: bool,
     /// Whether decisions say which logits they were made by. Only a recorder looks at them.
     pub tell_logits: bool,
 }
@@ -50,6 +53,7 @@ impl AgentSettings {
             seed: 0,
             worlds: 1,
             longest_delay: 0,
+            relay: false,
             tell_logits: false,
         }
     }
@@ -63,7 +67,15 @@ impl AgentSettings {
             action: spec.action_width(),
             joint: spec.joint_dim(),
             logits: if self.tell_logits { spec.n_actions() } else { 0 },
+            relay: self.relay,
         }
+    }
+
+    /// The most ticks ago that what reaches an agent may have been observed.
+    pub fn longest_age(&self) -> u8 {
+        // Nothing is older than its episode.
+        let oldest = self.spec.episode_steps.min(LONGEST_DELAY.into()) as u8;
+        if self.relay { oldest } else { self.longest_delay }
     }
 }
 
@@ -81,20 +93,25 @@ pub struct Agent {
     oracle: Option<Oracle>,
     /// Whether it has been told of the last decision.
     has_predicted: bool,
-    actor: Inference,
+    actor: Actor,
     /// Where the actor is in the weights of the policy, and how many these are.
     weights: Range<usize>,
     policy_weights: usize,
-    state: NetworkState,
+    state: ActorState,
     scratch: Scratch,
     /// The policy's input, `[worlds, joint]`.
     estimates: Vec<f32>,
-    /// `[worlds, n_actions]`.
+    /// What the actor says, `[worlds, n_said]`.
     logits: Vec<f32>,
+    n_said: usize,
     /// Episode of world 0 and step of the last decision, if there was one in this episode.
     moment: Option<(u64, u32)>,
-    /// `[active worlds]`.
+    /// `[active worlds, words]`.
     actions: Vec<u32>,
+    /// How many words an action has.
+    words: usize,
+    /// What imputers are told of actions that are values, which have no number: zeros, `[worlds]`.
+    nothing: Option<Vec<u32>>,
 }
 
 impl Agent {
@@ -107,15 +124,17 @@ impl Agent {
     /// Makes agent `index` of a team from a policy that is loaded already.
     pub fn with_policy(settings: &AgentSettings, policy: &Policy, index: usize) -> Result<Agent> {
         let spec = settings.spec.clone();
-        let AgentSettings { worlds, seed, longest_delay, greedy, .. } = *settings;
-        let setup = Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay, greedy };
+        let AgentSettings { worlds, seed, .. } = *settings;
+        let (longest_age, greedy) = (settings.longest_age(), settings.greedy || policy.is_greedy());
+        let setup =
+            Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay: longest_age, greedy };
         let actor = policy.actor(index).clone();
         let (imputer, truth) = Truth::split(&settings.imputer);
         Ok(Agent {
             index,
             greedy,
             worlds,
-            longest_delay,
+            longest_delay: settings.longest_delay,
             imputer: settings.registry.make(imputer, &setup)?,
             oracle: truth.map(|truth| Oracle::new(truth, &spec, index)).transpose()?,
             has_predicted: false,
@@ -125,9 +144,12 @@ impl Agent {
             policy_weights: policy.n_values(),
             actor,
             estimates: vec![0.0; worlds * spec.joint_dim()],
-            logits: vec![0.0; worlds * spec.n_actions()],
+            logits: vec![0.0; worlds * policy.dims().said()],
+            n_said: policy.dims().said(),
             moment: None,
-            actions: Vec::with_capacity(worlds),
+            actions: Vec::with_capacity(worlds * spec.action_width()),
+            words: spec.action_width(),
+            nothing: matches!(spec.agents[index].actions, ActionSpace::Box { .. }).then(|| vec![0; worlds]),
             spec,
         })
     }
@@ -135,6 +157,11 @@ impl Agent {
     /// Which agent of the team this is.
     pub fn index(&self) -> usize {
         self.index
+    }
+
+    /// What decides.
+    pub(super) fn actor(&self) -> &Actor {
+        &self.actor
     }
 
     /// Size of the team.
@@ -166,10 +193,11 @@ impl Agent {
 
     /// Computes a step of nothing, so that what the networks need is in memory before the first episode begins, which
     /// forgets this.
-    pub(crate) fn warm_up(&mut self) {
+    pub(crate) fn warm_up(&mut self) -> Result<()> {
         self.begin_episode(self.worlds);
-        self.act(0, 0, &vec![0.0; self.worlds]);
+        self.act(0, 0, &vec![0.0; self.worlds])?;
         self.predict();
+        Ok(())
     }
 
     /// Forgets the last episode: one starts in this many worlds.
@@ -203,28 +231,35 @@ impl Agent {
 
     /// Chooses an action in each world of the episode from the joint estimates, and by its draw from [0, 1) where actions are
     /// sampled.
-    pub fn act(&mut self, episode: u64, step: u32, draws: &[f64]) {
+    ///
+    /// # Errors
+    /// `Failed` if an actor of an ONNX file cannot say what to do; ours always can.
+    pub fn act(&mut self, episode: u64, step: u32, draws: &[f64]) -> Result<()> {
         let worlds = draws.len();
         (self.moment, self.has_predicted) = (Some((episode, step)), false);
         self.actions.clear();
+        self.actions.resize(worlds * self.words, 0);
         let estimates = &self.estimates[..worlds * self.spec.joint_dim()];
-        let n_actions = self.n_actions();
-        let logits = &mut self.logits[..worlds * n_actions];
-        self.actor.step(worlds, estimates, &[], &mut self.state, &mut self.scratch, logits);
-        let available = self.spec.available_actions(self.index);
-        for (logits, draw) in logits.chunks_exact(n_actions).zip(draws) {
-            let logits = &logits[..available];
-            let action = if self.greedy { most_probable(logits) } else { sample(logits, *draw) };
-            self.actions.push(action as u32);
+        let logits = &mut self.logits[..worlds * self.n_said];
+        self.actor.step(worlds, estimates, &[], &mut self.state, &mut self.scratch, logits)?;
+        let space = &self.spec.agents[self.index].actions;
+        let actions = self.actions.chunks_exact_mut(self.words);
+        for ((said, draw), words) in logits.chunks_exact(self.n_said).zip(draws).zip(actions) {
+            choose(space, said, *draw, self.greedy, words);
         }
+        Ok(())
     }
 
     /// Carries the joint estimates of the last [`Agent::act`] over to the next step, and computes of that what it can.
     pub fn predict(&mut self) {
-        self.actor.prepare(self.actions.len(), &mut self.state);
+        self.actor.prepare(self.active(), &mut self.state);
         let moment = self.moment.expect("predict follows act");
-        let step = Step::of(moment, &self.estimates, self.spec.joint_dim(), &self.actions);
-        self.imputer.predict(&step);
+        let joint = self.spec.joint_dim();
+        let done = self
+            .nothing
+            .as_ref()
+            .map_or(&self.actions[..], |nothing| &nothing[..self.actions.len() / self.words]);
+        self.imputer.predict(&Step::of(moment, &self.estimates, joint, done));
         self.has_predicted = true;
     }
 
@@ -240,7 +275,7 @@ impl Agent {
         }
         let space = &self.spec.agents[self.index].actions;
         if carried_out.len() != self.actions.len()
-            || !carried_out.iter().all(|action| space.contains(std::slice::from_ref(action)))
+            || !carried_out.chunks_exact(self.words).all(|action| space.contains(action))
         {
             return Err(failed!(
                 "agent-{} is told that it did {carried_out:?}, which is not one of its actions",
@@ -248,30 +283,30 @@ impl Agent {
             ));
         }
         self.actions.copy_from_slice(carried_out);
-        if self.has_predicted {
+        if self.has_predicted && self.nothing.is_none() {
             let step = Step::of(moment, &self.estimates, self.spec.joint_dim(), &self.actions);
             self.imputer.revise(&step);
         }
         Ok(())
     }
 
-    /// The actions chosen last, `[worlds]`.
+    /// The actions chosen last, `[worlds, words]`.
     pub fn actions(&self) -> &[u32] {
         &self.actions
     }
 
     /// The joint estimates they were chosen from, `[worlds, joint]`.
     pub fn estimates(&self) -> &[f32] {
-        &self.estimates[..self.actions.len() * self.spec.joint_dim()]
+        &self.estimates[..self.active() * self.spec.joint_dim()]
     }
 
-    /// The logits they were chosen by, `[worlds, n_actions]`.
+    /// What they were chosen by, `[worlds, values]`: logits, or of values the means and log-stds.
     pub fn logits(&self) -> &[f32] {
-        &self.logits[..self.actions.len() * self.n_actions()]
+        &self.logits[..self.active() * self.n_said]
     }
 
-    /// How many logits there are in a world. The spec would go through all agents for that, in every tick.
-    fn n_actions(&self) -> usize {
-        self.logits.len() / self.worlds
+    /// The worlds of the last decision.
+    fn active(&self) -> usize {
+        self.actions.len() / self.words
     }
 }

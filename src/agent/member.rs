@@ -1,6 +1,6 @@
 //! An agent on the bus: the phases of its tick by name.
 
-use super::{Agent, Mailbox};
+use super::{Agent, Holdings, Mailbox};
 use crate::base::error::Result;
 use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::Granted;
@@ -17,6 +17,8 @@ pub struct Member<P: AgentPort> {
     /// Who it is, and which weights it runs with.
     identity: Header,
     mailbox: Mailbox<P::Sample>,
+    /// What it passes on, where agents relay.
+    holdings: Option<Holdings>,
     sensor: Option<P::Sample>,
     /// The tick of the last decision.
     decided: Option<u64>,
@@ -49,13 +51,15 @@ impl<P: AgentPort> Member<P> {
             sender: agent.index() as u32,
             ..Header::default()
         };
-        let mailbox = Mailbox::new(agent.team(), swarm, layout.observation, agent.longest_delay());
+        let mailbox = Mailbox::new(layout, swarm, agent.longest_delay());
+        let holdings = layout.relay.then(|| Holdings::new(layout, agent.index(), agent.worlds()));
         Member {
             agent,
             port,
             layout,
             identity,
             mailbox,
+            holdings,
             sensor: None,
             decided: None,
             episode: None,
@@ -118,7 +122,11 @@ impl<P: AgentPort> Member<P> {
         let worlds = sensor.header().worlds as usize;
         let own = self.layout.sensor(sensor.words(), worlds).observations;
         let header = self.answer(Kind::Observation, sensor.header(), self.layout.observation_words(worlds));
-        self.port.publish_observation(header, |words| words.copy_from_slice(bytemuck::cast_slice(own)))
+        let holdings = &mut self.holdings;
+        self.port.publish_observation(header, |words| match holdings {
+            Some(holdings) => holdings.write(own, words),
+            None => words.copy_from_slice(bytemuck::cast_slice(own)),
+        })
     }
 
     /// Takes in what has arrived; true once the observations of all peers at this tick are in.
@@ -145,7 +153,14 @@ impl<P: AgentPort> Member<P> {
         let arriving = sensor.ages.chunks_exact(self.layout.agents);
         for (world, ages) in arriving.enumerate() {
             let own = &sensor.observations[world * self.layout.observation..][..self.layout.observation];
-            let inbox = self.mailbox.deliver(world, ages, sample.header());
+            let inbox = match &mut self.holdings {
+                Some(holdings) => {
+                    let inbox = self.mailbox.deliver_relayed(world, ages, sample.header(), holdings);
+                    holdings.take(world, &inbox);
+                    inbox
+                }
+                None => self.mailbox.deliver(world, ages, sample.header()),
+            };
             self.agent.fuse(world, own, &inbox);
             if self.agent.is_oracle() {
                 let everything = self.mailbox.deliver(world, &[0; MAX_AGENTS], sample.header());
@@ -157,7 +172,7 @@ impl<P: AgentPort> Member<P> {
         let times = DecisionTimes { received_ns, fused_ns: now_ns() };
         self.draws.clear();
         self.draws.extend(sensor.draws.iter().map(|draw| f64::from_bits(join(*draw))));
-        self.agent.act(episode, step, &self.draws);
+        self.agent.act(episode, step, &self.draws)?;
         let header = self.answer(Kind::Decision, sample.header(), self.layout.decision_words(worlds));
         let (agent, layout, ages) = (&self.agent, &self.layout, &self.ages);
         self.port.publish_decision(header, |words| {
@@ -173,13 +188,15 @@ impl<P: AgentPort> Member<P> {
 
     /// Begins an episode, if this is the first tick of it that the agent sees.
     fn begin_tick(&mut self) -> Result<()> {
-        let Header { episode, step, worlds, weights, .. } =
+        let Header { episode, step, tick, worlds, weights, .. } =
             *self.sensor.as_ref().expect("begin follows sense").header();
+        self.holdings.iter_mut().for_each(|holdings| holdings.begin_tick(tick));
         if step > 0 && self.episode == Some(episode) {
             return Ok(());
         }
         self.take_weights(weights)?;
         self.agent.begin_episode(worlds as usize);
+        self.holdings.iter_mut().for_each(Holdings::forget);
         self.episode = Some(episode);
         Ok(())
     }

@@ -13,6 +13,7 @@
 
 mod choice;
 mod decision;
+mod holdings;
 pub mod imputer;
 mod inbox;
 mod member;
@@ -23,6 +24,7 @@ mod source;
 #[cfg(feature = "python")]
 pub(crate) use choice::{most_probable, sample};
 pub use decision::{Agent, AgentSettings};
+pub(crate) use holdings::Holdings;
 pub use imputer::{Imputer, JointLayout, PREFERRED, Registry};
 pub use inbox::{Inbox, Received};
 pub(crate) use inbox::{Mailbox, is_observable};

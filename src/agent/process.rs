@@ -43,12 +43,18 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
     // What `top` and `ps` show; not worth an error.
     let name = std::ffi::CString::new(format!("vs-agent-{}", process.agent)).expect("no NUL in it");
     let _ = rustix::thread::set_name(&name);
-    if process.address.real_time {
+    let agent = Agent::new(&process.settings, process.agent)?;
+    let actor = agent.actor().clone();
+    actor.at_home(|| play(process, agent))
+}
+
+/// Ticks, on the thread that computes.
+fn play(process: &ProcessSettings, mut agent: Agent) -> Result<()> {
+    let ProcessSettings { address, incarnation, wait, peers, scheduling, settings, .. } = process;
+    if address.real_time {
         wake_on_time();
     }
-    let ProcessSettings { address, agent, incarnation, wait, peers, scheduling, settings, .. } = process;
-    let mut agent = Agent::new(settings, *agent)?;
-    agent.warm_up();
+    agent.warm_up()?;
     let layout = settings.layout();
     let port = open(address, &layout, agent.index(), *incarnation)?;
     // The supervisor is process 0.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::base::error::Result;
-use crate::environment::{PaperSetting, Spec};
+use crate::environment::{ActionSpace, AgentSpec, PaperSetting, Spec};
 use crate::nn::{ActorKind, Aligned, Dims, Networks, Policy};
 use crate::{failed, usage};
 
@@ -48,12 +48,28 @@ impl PolicySource {
     /// Loads the policy for a task. Weights stay where they are, in a file or in the program, whether they are stored as f32
     /// or f16; those of a file that has both are copied.
     pub fn load(&self, spec: &Spec) -> Result<Policy> {
-        if spec.n_actions() == 0 && *self != PolicySource::Nobody {
+        let policy = self.open(spec)?;
+        if *self == PolicySource::Nobody {
+            return Ok(policy);
+        }
+        let by_values = |agent: &AgentSpec| matches!(agent.actions, ActionSpace::Box { .. });
+        if policy.networks().actor != ActorKind::Onnx && spec.agents.iter().any(by_values) {
             return Err(usage!(
-                "the agents of {} act by values, and policies choose among discrete actions; take a task with these",
+                "agents of {} act by values, and our networks choose among discrete actions; take a task with these, or a \
+                 policy of ONNX files (docs/onnx.md)",
                 spec.id
             ));
         }
+        if spec.n_actions() > 0 && spec.agents.iter().any(by_values) {
+            return Err(usage!(
+                "some agents of {} choose, others act by values; policies are for one or the other",
+                spec.id
+            ));
+        }
+        Ok(policy)
+    }
+
+    fn open(&self, spec: &Spec) -> Result<Policy> {
         match self {
             PolicySource::Builtin => {
                 let policy = BUILTIN.iter().find(|(id, _)| *id == spec.id());
@@ -108,6 +124,7 @@ pub fn dims(spec: &Spec) -> Dims {
         joint: spec.joint_dim(),
         predicted: spec.predicted_dim(),
         n_actions: spec.n_actions(),
+        agents: spec.agents.clone(),
     }
 }
 

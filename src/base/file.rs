@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Files that appear whole or not at all; and those that others read while they grow.
 
 use std::fs::{File, Permissions};
 use std::io::{BufWriter, ErrorKind, Write};
@@ -66,11 +66,17 @@ impl AtomicFile {
 
     /// Puts the complete file in its place. It is there when this returns, even if the machine loses power.
     pub fn commit(self) -> Result<()> {
+        self.appear().map(drop)
+    }
+
+    /// Puts the file in its place as it is, to go on writing where everybody sees it: for formats whose readers know what
+    /// is not complete yet.
+    pub fn appear(self) -> Result<File> {
         let path = self.path.clone();
         self.put_in_place().map_err(|e| Error::io("write", &path, without_path(e)))
     }
 
-    fn put_in_place(self) -> std::io::Result<()> {
+    fn put_in_place(self) -> std::io::Result<File> {
         let AtomicFile { writer, part, path } = self;
         let (file, folder) = (writer.into_inner().map_err(|e| e.into_error())?, folder_of(&path));
         file.sync_all()?;
@@ -85,7 +91,8 @@ impl AtomicFile {
                 named => named?,
             },
         }
-        sync_folder(folder)
+        sync_folder(folder)?;
+        Ok(file)
     }
 }
 
@@ -160,6 +167,17 @@ mod tests {
         file.commit().unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_file_may_grow_in_its_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        std::fs::write(&path, "an older one").unwrap();
+        let mut file = AtomicFile::create(&path).unwrap().appear().unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "");
+        file.write_all(b"more").unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "more");
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! What everybody needs and nobody is about.
 
+#[cfg(feature = "mcap")]
+pub(crate) mod colours;
 pub mod distribution;
 pub mod error;
 pub(crate) mod faults;

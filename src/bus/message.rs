@@ -96,7 +96,7 @@ impl Header {
 /// | message | parts, each `[worlds, ..]` |
 /// |---|---|
 /// | sensor | action carried out at the step before (`action`), ages of what arrives (a byte for each of `agents`), [draw](Sensor::draws) (2), own observation (`observation`) |
-/// | observation | observation (`observation`) |
+/// | observation | observation (`observation`); where agents relay, ages of what the sender holds (a byte for each of `agents`), and what it holds (`agents` times `observation`), its own included |
 /// | decision | action (`action`), ages used (a byte for each of `agents`), joint estimate (`joint`), logits (`logits`) |
 ///
 /// The bytes of all worlds stand behind each other, and zeros fill their last word. Behind the parts of a decision message
@@ -113,6 +113,8 @@ pub struct Layout {
     pub joint: usize,
     /// Actions an agent chooses from; 0 where nobody records by which logits.
     pub logits: usize,
+    /// Whether an observation message also holds the newest that its sender has of others.
+    pub relay: bool,
 }
 
 /// Words of the [`DecisionTimes`].
@@ -134,6 +136,37 @@ pub struct Sensor<'a> {
     pub draws: &'a [[u32; 2]],
     /// The agent's own observations, `[worlds, observation]`.
     pub observations: &'a [f32],
+}
+
+/// What an agent tells its peers: what it observes, and where agents relay, the newest that it holds of others.
+#[derive(Clone, Copy, Debug)]
+pub struct Told<'a> {
+    agents: usize,
+    observation: usize,
+    sender: usize,
+    /// Of what is told of each agent, `[worlds, agents]`; empty where nobody relays.
+    ages: &'a [u8],
+    /// All values: `[worlds, observation]`, or `[worlds, agents, observation]` where agents relay.
+    pub observations: &'a [f32],
+}
+
+impl<'a> Told<'a> {
+    /// What is told of an agent in one world, and how old that was when it was sent; `None` if nothing is.
+    pub fn of(&self, world: usize, origin: usize) -> Option<(u8, &'a [f32])> {
+        let (age, row) = match self.ages.get(world * self.agents + origin) {
+            Some(age) => (*age, world * self.agents + origin),
+            None if origin == self.sender => (0, world),
+            None => return None,
+        };
+        let told = self.observations.get(row * self.observation..(row + 1) * self.observation)?;
+        (age != NOT_ARRIVED).then_some((age, told))
+    }
+
+    /// Whether it can be: an agent tells of itself what is new, and of others what is older.
+    pub(crate) fn is_possible(&self) -> bool {
+        let mut ages = self.ages.iter().enumerate();
+        ages.all(|(at, age)| (*age == 0) == (at % self.agents == self.sender))
+    }
 }
 
 /// When an agent did what it does for a decision, which is sent last: nanoseconds of the monotonic clock.
@@ -168,7 +201,42 @@ impl Layout {
 
     /// Words of an observation message.
     pub fn observation_words(&self, worlds: usize) -> usize {
-        worlds * self.observation
+        if self.relay {
+            self.age_words(worlds) + worlds * self.agents * self.observation
+        } else {
+            worlds * self.observation
+        }
+    }
+
+    /// Bytes of an observation message that are about one world, as far as they are sent by radio.
+    pub(crate) fn radio_bytes(agents: usize, observation: usize, relay: bool) -> usize {
+        let each = observation * size_of::<f32>();
+        if relay { agents * (each + size_of::<u8>()) } else { each }
+    }
+
+    /// Writes an observation message of an agent that relays: the ages of what it holds of each agent, and that,
+    /// both `[worlds, agents, ..]`.
+    pub(crate) fn write_relayed(&self, words: &mut [u32], ages: &[u8], observations: &[f32]) {
+        let (age_words, values) = words.split_at_mut(ages.len().div_ceil(size_of::<u32>()));
+        write_ages(age_words, ages);
+        values.copy_from_slice(bytemuck::cast_slice(observations));
+    }
+
+    /// Reads an observation message of [`Layout::observation_words`] words, which `sender` has sent.
+    pub fn told<'a>(&self, words: &'a [u32], worlds: usize, sender: usize) -> Told<'a> {
+        let (agents, observation) = (self.agents, self.observation);
+        if !self.relay {
+            return Told {
+                agents,
+                observation,
+                sender,
+                ages: &[],
+                observations: bytemuck::cast_slice(words),
+            };
+        }
+        let (ages, observations) = words.split_at(self.age_words(worlds));
+        let (ages, observations) = (self.ages(ages, worlds), bytemuck::cast_slice(observations));
+        Told { agents, observation, sender, ages, observations }
     }
 
     /// Words of a decision message.
@@ -277,7 +345,7 @@ fn write_times(words: &mut [u32], times: [u64; TIMES / 2]) {
 mod tests {
     use super::*;
 
-    const LAYOUT: Layout = Layout { agents: 3, observation: 3, action: 2, joint: 5, logits: 2 };
+    const LAYOUT: Layout = Layout { agents: 3, observation: 3, action: 2, joint: 5, logits: 2, relay: false };
 
     #[test]
     fn a_sensor_message_comes_back() {
@@ -307,6 +375,25 @@ mod tests {
         assert_eq!(decision.ages, ages);
         assert_eq!((decision.estimates, decision.logits), (&estimates[..], &logits[..]));
         assert_eq!(decision.times, times);
+    }
+
+    #[test]
+    fn what_is_relayed_comes_back() {
+        let layout = Layout { relay: true, ..LAYOUT };
+        let ages = [3, 0, NOT_ARRIVED, NOT_ARRIVED, 0, 100];
+        let observations: Vec<f32> = (0..18u8).map(f32::from).collect();
+        let mut words = vec![u32::MAX; layout.observation_words(2)];
+        assert_eq!(words.len(), 2 + 18);
+        layout.write_relayed(&mut words, &ages, &observations);
+        let told = layout.told(&words, 2, 1);
+        assert_eq!(told.of(0, 0), Some((3, &[0.0, 1.0, 2.0][..])));
+        assert_eq!(told.of(1, 1), Some((0, &[12.0, 13.0, 14.0][..])));
+        assert_eq!((told.of(0, 2), told.of(1, 0), told.of(2, 0)), (None, None, None));
+        assert!(told.is_possible() && !layout.told(&words, 2, 0).is_possible());
+        // Where nobody relays, a message is about its sender alone.
+        let told = LAYOUT.told(&words[2..8], 2, 1);
+        assert_eq!((told.of(1, 1), told.of(1, 0)), (Some((0, &[3.0, 4.0, 5.0][..])), None));
+        assert!(told.is_possible());
     }
 
     #[test]

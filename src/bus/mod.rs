@@ -41,7 +41,7 @@ pub(crate) use living::{Living, have_others_swarms, living};
 pub(crate) use local::LocalHub;
 pub use local::{LocalPort, LocalSample};
 pub(crate) use memory::SharedMemory;
-pub use message::{Decision, DecisionTimes, Header, Kind, Layout, NOT_ARRIVED, PROTOCOL, Sensor};
+pub use message::{Decision, DecisionTimes, Header, Kind, Layout, NOT_ARRIVED, PROTOCOL, Sensor, Told};
 pub(crate) use message::{halves, join};
 pub(crate) use services::{Role, bus_error, node, open_files_needed, service_name, shared_memory_needed};
 pub use services::{SwarmAddress, Wire};

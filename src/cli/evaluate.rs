@@ -22,6 +22,7 @@ use crate::link::{self, Site};
 use crate::nn::{Policy, PolicyFile};
 use crate::supervisor::signals;
 use crate::usage;
+use crate::view::film;
 
 /// Measure how robust frozen policies are to failing links
 #[derive(Debug, Args)]
@@ -91,6 +92,11 @@ pub struct Evaluate {
     #[arg(long)]
     no_comm_at_t0: bool,
 
+    /// Have messages also carry the newest that their senders hold of others, with its age; compare with the same
+    /// command without --relay, which plays the same episodes with the same losses
+    #[arg(long)]
+    relay: bool,
+
     #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP, default_value_t)]
     physics: PhysicsSpec,
 
@@ -98,7 +104,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
 
-    /// Folder for report.html, figures, results.json, CSV and the finished cells; after an interruption the same
+    /// Folder for report.html, replays, figures, results.json, CSV and the finished cells; after an interruption the same
     /// command continues from these
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -160,6 +166,8 @@ Examples:
   vamaro-swarm evaluate runs/hs-0 --levels 1,0.2 \\
       --chaos kill=0.01 --chaos 'kill=0.01 at p=0.2'
   vamaro-swarm evaluate runs/hs-0 --levels 1,0 --substitute own
+  # messages also carry what their senders have received
+  vamaro-swarm evaluate runs/hs-0 --relay
   # exit code 3 if the default imputer does not keep 90 % of the score
   vamaro-swarm evaluate runs/hs-0 --require 'p=0.2 score>=0.9'
 
@@ -196,7 +204,10 @@ impl Evaluate {
         let summary = Summary::of(&evaluation, baselines, threads(self.threads))?;
         let provenance = provenance();
         if let Some(folder) = &self.report {
-            report::write(folder, &evaluation, &summary, &provenance, self.paper)?;
+            let with_page = |replay| film::evaluated(&replay).map(|page| (replay, page));
+            let replays =
+                sweep.replays(&evaluation)?.into_iter().map(with_page).collect::<Result<Vec<_>>>()?;
+            report::write(folder, &evaluation, &summary, &replays, &provenance, self.paper)?;
         }
         if self.json {
             print(&report::results(&summary, &provenance))?;
@@ -264,9 +275,10 @@ impl Evaluate {
             settings: Settings {
                 episodes,
                 seed: self.seed,
-                greedy: self.greedy,
+                greedy: self.greedy || entrants.iter().all(|entrant| entrant.policy.is_greedy()),
                 comm_at_t0: !self.no_comm_at_t0,
                 physics: self.physics,
+                relay: self.relay,
             },
             conditions,
             axes,

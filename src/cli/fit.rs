@@ -87,6 +87,12 @@ impl Fit {
                 path.display()
             ));
         }
+        if self.out.is_none() && file.is_description() {
+            return Err(usage!(
+                "{} names ONNX files, and cannot hold what is fitted; say with --out which policy file shall hold all",
+                path.display()
+            ));
+        }
         let out = self.out.as_ref().unwrap_or(path);
         if out.exists() && PolicyFile::read(out).is_err() {
             return Err(usage!(
@@ -108,7 +114,7 @@ impl Fit {
             };
         }
         // As precise as it was: values that have been rounded to f16 stay what they are.
-        if file.tensors.iter().all(|tensor| tensor.precision == Precision::Half) {
+        if !file.tensors.is_empty() && file.tensors.iter().all(|tensor| tensor.precision == Precision::Half) {
             policy.save_half(out)?;
         } else {
             policy.save(out)?;

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::{print, print_json, table};
+use super::{print, print_json, table, tell};
 use crate::base::error::Result;
 use crate::base::stats::mean;
-use crate::nn::{Input, Meta, PolicyFile, PredictorSpec, Sigma};
+use crate::nn::{Input, Meta, OnnxSpec, PolicyFile, PredictorSpec, Said, Seen, Sigma};
 use crate::recording::{Episode, Presence, Reader};
 use crate::train::{Checkpoint, Progress};
 use crate::usage;
@@ -22,7 +22,8 @@ Examples:
   vamaro-swarm inspect runs/hs-0/checkpoint.safetensors
   vamaro-swarm inspect trace.json --json")]
 pub struct Inspect {
-    /// A policy file or checkpoint (.safetensors), a trace or recording, or the folder of a training run
+    /// A policy file or checkpoint (.safetensors), a description of ONNX files (.toml), a trace or recording,
+    /// or the folder of a training run
     file: PathBuf,
 
     /// Print it as one JSON object
@@ -55,6 +56,10 @@ impl Inspect {
                     file.display()
                 ));
             }
+            // If it says what a policy says, there is more to tell of what it says wrong.
+            FileKind::Unknown if file.extension().is_some_and(|extension| extension == "toml") => {
+                policy(file)?
+            }
             FileKind::Updates | FileKind::Json(_) | FileKind::Unknown => {
                 return Err(usage!("{} is neither a policy file nor a trace or recording", file.display()));
             }
@@ -72,14 +77,21 @@ fn policy(path: &Path) -> Result<Content> {
     let tensors: Vec<_> = tensors.collect();
     let actors = (!is_imputer).then_some((networks.actor, networks.sharing, networks.hidden));
     let (kind, actor) = match actors {
-        Some((actor, sharing, hidden)) => ("policy", format!("{actor}, {sharing}, hidden {hidden}")),
+        Some((actor, sharing, hidden)) => {
+            let about = file.onnx.as_ref().map_or_else(|| format!("hidden {hidden}"), onnx_words);
+            ("policy", format!("{actor}, {sharing}, {about}"))
+        }
         None => ("imputer", "none: the team acts elsewhere".to_owned()),
     };
     let parameters: usize = tensors.iter().map(|tensor| tensor.n_values()).sum();
     let rows = tensors.iter().map(|tensor| {
         vec![tensor.name.clone(), format!("{:?}", tensor.shape), tensor.n_values().to_string()]
     });
-    let rows = table(&["tensor", "shape", "values"], rows);
+    let graphs = file
+        .graphs
+        .iter()
+        .map(|(name, bytes)| vec![name.clone(), "ONNX".to_owned(), format!("{} bytes", bytes.len())]);
+    let rows = table(&["tensor", "shape", "values"], rows.chain(graphs));
     let predictors: Vec<String> = networks.predictors.iter().map(predictor_words).collect();
     let text = format!(
         "{kind} for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {actor}\n\
@@ -94,7 +106,7 @@ fn policy(path: &Path) -> Result<Content> {
         if file.dynamics.is_some() { "fitted" } else { "none" },
     );
     let tensors = tensors.iter().map(|tensor| json!({"name": tensor.name, "shape": tensor.shape}));
-    let json = json!({
+    let mut json = json!({
         "kind": kind,
         "task": meta.task,
         "algorithm": meta.algorithm,
@@ -110,7 +122,26 @@ fn policy(path: &Path) -> Result<Content> {
         "parameters": parameters,
         "tensors": tensors.collect::<Vec<_>>(),
     });
+    if let Some(onnx) = &file.onnx {
+        json["onnx"] = json!(onnx);
+    }
     Ok(Content { text, json })
+}
+
+/// What ONNX actors see and say.
+fn onnx_words(spec: &OnnxSpec) -> String {
+    let sees = match spec.input {
+        Seen::Joint => "the joint estimate",
+        Seen::OwnFirst => "the joint estimate, its own part first",
+        Seen::Own => "its own observation",
+    };
+    let says = match spec.output {
+        Said::Logits => "logits",
+        Said::MeanLogStd => "means and log-stds",
+    };
+    let id = if spec.agent_id { " and its id" } else { "" };
+    let normalised = if spec.normalise.is_some() { ", normalised" } else { "" };
+    format!("sees {sees}{id}{normalised}, says {says}")
 }
 
 fn predictor_words(predictor: &PredictorSpec) -> String {
@@ -151,10 +182,10 @@ fn checkpoint(checkpoint: &Checkpoint) -> Content {
 }
 
 fn recording(path: &Path) -> Result<Content> {
-    let recording = Reader::open(path)?;
+    let mut recording = Reader::open(path)?;
     let (header, is_trace) = (recording.header.clone(), recording.is_trace());
     let (mut episodes, mut befell) = (Vec::new(), Befell::default());
-    for (number, episode) in (0..).zip(recording) {
+    for (number, episode) in (0..).zip(recording.by_ref()) {
         let episode = episode?;
         let of_this = Befell::of(&episode);
         befell = befell.and(&of_this);
@@ -165,6 +196,9 @@ fn recording(path: &Path) -> Result<Content> {
             delivery_rate: delivered_share(&episode),
             befell: of_this,
         });
+    }
+    if let Some(what) = recording.unfinished() {
+        tell(&format!("note: {}: {what}", path.display()));
     }
     let returns: Vec<f64> = episodes.iter().map(|episode| episode.episode_return).collect();
     let rows = episodes.iter().take(MOST_ROWS).map(|episode| {
@@ -183,11 +217,12 @@ fn recording(path: &Path) -> Result<Content> {
     let named = |value: &Option<String>| value.clone().unwrap_or_else(|| "unknown".to_owned());
     let kind = if is_trace { "trace" } else { "recording" };
     let text = format!(
-        "{} of {}{}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
+        "{} of {}{}{}\nagents      {}\nepisodes    {} of {} steps, mean return {:.2}\nactor       {}\nimputer     {}\n\
          policy      {}\n{}\n{rows}{more}",
         kind,
         header.task,
         header.physics.if_other(),
+        if header.relay { ", relayed" } else { "" },
         header.n_agents,
         episodes.len(),
         header.episode_steps,

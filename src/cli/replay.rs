@@ -74,7 +74,7 @@ impl Replay {
         if let [one, other] = &mut films[..] {
             match_up(one, other)?;
         }
-        let Film { spec, takes, .. } = &films[0];
+        let (spec, takes) = (films[0].spec(), &films[0].takes);
         if self.agent >= spec.n_agents() {
             return Err(usage!(
                 "{} has {} agents, counted from 0: there is no agent {}",
@@ -106,14 +106,14 @@ impl Replay {
 
     /// The episodes of a file that are to be seen.
     fn film(&self, path: &Path) -> Result<Film> {
-        let recording = Reader::open(path)?;
+        let mut recording = Reader::open(path)?;
         let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
         let mut film = Film::of(name, recording.header.clone())?;
         let policy = self.policy.as_deref().map(|name| policy_source(name, 0)).transpose()?;
         // A compact trace leaves it to us what agents thought.
         let team = recording.is_compact().then(|| Rerun::new(path, &recording.header, policy.as_ref()));
         let (mut team, mut left_out) = (team.transpose()?, 0);
-        for (number, episode) in (0..).zip(recording) {
+        for (number, episode) in (0..).zip(recording.by_ref()) {
             let mut episode = episode?;
             match self.episode {
                 Some(wanted) if wanted != episode.episode.unwrap_or(number) => continue,
@@ -127,6 +127,9 @@ impl Replay {
                 team.think(&mut episode).map_err(|what| Error::io("replay", path, what))?;
             }
             film.push(number, &episode)?;
+        }
+        if let Some(what) = recording.unfinished() {
+            tell(&format!("note: {}: {what}", path.display()));
         }
         if film.takes.is_empty() {
             return Err(match self.episode {
@@ -146,13 +149,13 @@ impl Replay {
 
 /// Leaves two films the episodes that both have.
 fn match_up(one: &mut Film, other: &mut Film) -> Result<()> {
-    if one.spec.id != other.spec.id {
+    if one.spec().id != other.spec().id {
         return Err(usage!(
             "{} is of {}, {} of {}: both traces must be of one task",
             one.name,
-            one.spec.id,
+            one.spec().id,
             other.name,
-            other.spec.id
+            other.spec().id
         ));
     }
     if one.header.seed != other.header.seed {

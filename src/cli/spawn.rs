@@ -66,6 +66,11 @@ pub struct Spawn {
     #[arg(long, value_name = "LINKS|FILE")]
     links: Option<String>,
 
+    /// Have messages also carry the newest that their senders hold of others, with its age: what was lost on one way may
+    /// arrive on another, a tick later for each hop
+    #[arg(long)]
+    relay: bool,
+
     /// Lose observations at t = 0 too; by default everything is delivered when an episode starts
     #[arg(long)]
     no_comm_at_t0: bool,
@@ -167,8 +172,8 @@ pub struct Spawn {
     #[arg(long)]
     audit: bool,
 
-    /// Write a trace of all episodes, for `vamaro-swarm replay` and `verify`: JSON if the name ends in .json, else a compact
-    /// file, for long runs
+    /// Write a trace of all episodes, for `vamaro-swarm replay` and `verify`: JSON if the name ends in .json, MCAP for
+    /// Foxglove and others if it ends in .mcap, else a compact file, for long runs
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
 
@@ -186,6 +191,8 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0.2
   vamaro-swarm spawn --task hear-see --drop 0.8 --imputer hold --worlds 10
   vamaro-swarm spawn --agents 4 --links 'gilbert(0.1, 0.3) + delay(1, 1)'
+  # messages also carry what their senders have received
+  vamaro-swarm spawn --agents 4 --p 0.2 --relay
   vamaro-swarm spawn --agents 4 --p 0 --physics motor_noise=0.3,mass=1.2
   # where did each input of the policies come from?
   vamaro-swarm spawn --agents 6 --policy untrained --links dynamic --audit
@@ -318,7 +325,7 @@ impl Spawn {
             print(&summary.first_lines())?;
         }
         let links = summary.links.build().sharing_at_start(summary.comm_at_t0);
-        let mut session = Session::new(environment, links, self.seed);
+        let mut session = Session::new(environment, links, self.seed).relaying(self.relay);
         if let Some(chaos) = self.chaos {
             session =
                 session.with_chaos(chaos, Duration::from_secs_f64(self.tick(&summary.settings.spec)))?;

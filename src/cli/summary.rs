@@ -65,7 +65,8 @@ impl Summary<'_> {
             self.rate.map(|rate| self.clock_words(rate)).unwrap_or_default()
         );
         let at_t0 = if self.comm_at_t0 { "" } else { ", also at t = 0" };
-        format!("{}\n{}", wrapped(&what, INDENT), line("links", &(self.link_words() + at_t0)))
+        let relayed = if self.settings.relay { "; relayed" } else { "" };
+        format!("{}\n{}", wrapped(&what, INDENT), line("links", &(self.link_words() + at_t0 + relayed)))
     }
 
     /// Says how long it will take, if all goes well.
@@ -105,6 +106,7 @@ impl Summary<'_> {
             lines
                 .push(("delivered", format!("{:.2} % of the observations sent at t >= 1{to}", 100.0 * rate)));
             lines.extend(self.delay_words(statistics).map(|words| ("delayed", words)));
+            lines.extend(self.relay_words(statistics).map(|words| ("relayed", words)));
             let error = statistics.imputation_rmse();
             let error = error.map_or("nothing was imputed".to_owned(), |rmse| format!("{rmse:.4} RMSE"));
             lines.push(("imputation", error));
@@ -140,6 +142,12 @@ impl Summary<'_> {
                 100.0 * outdated
             )
         })
+    }
+
+    /// What came through others than its sender, if agents relay.
+    fn relay_words(&self, statistics: &Statistics) -> Option<String> {
+        let rate = statistics.relayed_rate().filter(|_| self.settings.relay)?;
+        Some(format!("{:.2} % as many arrived through others, a tick or more later", 100.0 * rate))
     }
 
     /// What somebody changed while it ran, if anything: the same command gives another run.
@@ -222,6 +230,10 @@ impl Summary<'_> {
         }
         if let Some(command) = self.environment {
             summary["environment"] = json!(command.to_string());
+        }
+        if settings.relay {
+            summary["relay"] = json!(true);
+            summary["relayed_rate"] = json!(statistics.relayed_rate());
         }
         if !self.others.is_empty() {
             let command = |(agent, command): &(usize, AgentCommand)| {

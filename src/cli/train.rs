@@ -58,6 +58,10 @@ pub struct Train {
     #[arg(long, value_name = "P|LINKS", allow_negative_numbers = true)]
     train_p: Option<String>,
 
+    /// Have messages also carry the newest that their senders hold of others, in training and in its tests
+    #[arg(long)]
+    relay: bool,
+
     #[arg(long, value_name = "PHYSICS", help = PHYSICS_HELP)]
     physics: Option<PhysicsSpec>,
 
@@ -250,6 +254,7 @@ impl Train {
             ("predictors", text(self.predictors.clone())),
             ("train_p", self.train_p.clone()),
             ("physics", text(self.physics.map(String::from))),
+            ("relay", self.relay.then(|| "true".to_owned())),
         ] {
             value.into_iter().for_each(|value| layer.set(key, &value));
         }
@@ -297,6 +302,7 @@ impl Train {
         }
         let flags = [
             ("--resume", goes_on),
+            ("--relay", self.relay),
             ("--in-process", self.in_process),
             ("--dry-run", self.dry_run),
             ("--json", self.json),

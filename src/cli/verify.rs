@@ -90,14 +90,15 @@ fn examine(command: AgentCommand, policy: PolicySource, as_json: bool) -> Result
         _ => Task::parse("spread-xy-4")?,
     };
     let links = LinkSpec::parse("level(0.5) + delay(0, 2)", task.spec().n_agents())?.build();
+    let loaded = policy.load(task.spec())?;
     let settings = AgentSettings {
         policy,
+        greedy: loaded.is_greedy(),
         worlds: 2,
         longest_delay: links.longest_delay(),
         tell_logits: true,
         ..AgentSettings::of(task.spec())
     };
-    let loaded = settings.policy.load(task.spec())?;
     let deadlines = Deadlines { answer: ANSWER, ..Deadlines::default() };
     let mut examination = Examination::start(&settings, &loaded, 1, command, deadlines)?;
     let mut session = Session::new(task.environment(settings.worlds), links, settings.seed);

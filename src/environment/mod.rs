@@ -15,6 +15,7 @@ mod moment;
 mod motor;
 mod physics;
 mod physics_spec;
+pub(crate) mod places;
 mod point_mass;
 mod predator_prey;
 mod registry;

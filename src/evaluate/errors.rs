@@ -288,6 +288,9 @@ mod tests {
                 carried_out: &[0; 2],
                 observations,
                 ages,
+                messages: ages,
+                held: &[],
+                told: &[],
             };
             ledger.note(&tick, &decisions, |_| true);
         }

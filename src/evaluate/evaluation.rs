@@ -39,6 +39,20 @@ pub struct Settings {
     /// How bodies move, in all cells and for the random team; not written down if it is the default.
     #[serde(default, skip_serializing_if = "PhysicsSpec::is_default")]
     pub physics: PhysicsSpec,
+    /// Messages also carry the newest that their senders hold of others; written down if so.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub relay: bool,
+}
+
+fn is_false(flag: &bool) -> bool {
+    !flag
+}
+
+impl Settings {
+    /// What is to be said of how it was played, if anything: physics other than by default, and relaying.
+    pub(crate) fn if_other(&self) -> String {
+        self.physics.if_other() + if self.relay { ", relayed" } else { "" }
+    }
 }
 
 /// A frozen policy.

@@ -17,6 +17,7 @@ mod grouping;
 mod play;
 mod profile;
 mod record;
+mod replays;
 pub mod report;
 mod require;
 mod sample;
@@ -33,6 +34,7 @@ pub use evaluation::{AgeErrors, Calibration, Evaluation, Settings, UnitErrors};
 #[cfg(any(test, feature = "python"))]
 pub use evaluation::{Cell, Contender, Outcome, RandomTeam};
 pub use record::Record;
+pub use replays::Replay;
 pub use require::{Requirement, Verdict};
 #[cfg(test)]
 use summary::Claim;

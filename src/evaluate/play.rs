@@ -5,11 +5,14 @@ use std::time::Duration;
 use super::condition::Condition;
 use super::errors::ErrorLedger;
 use super::evaluation::{Outcome, Settings};
-use crate::base::error::Result;
+use super::sweep::Entrant;
+use crate::agent::AgentSettings;
+use crate::base::error::{Error, Result};
 use crate::base::rng::{Draws, Purpose};
 use crate::environment::{End, Outcome as Stepped, Task};
 use crate::nn::Policy;
-use crate::supervisor::{Ledger, Session, Team, signals};
+use crate::recording::Episode;
+use crate::supervisor::{InProcess, Ledger, Recorder, Session, Team, signals};
 
 /// Episodes of an evaluation are numbered from here on: those of training from 0, its tests' from 2^48, so no
 /// policy has seen their initial states.
@@ -25,10 +28,8 @@ pub(super) fn play(
     worlds: usize,
     team: &mut impl Team,
 ) -> Result<Outcome> {
-    let links = condition.links().build().sharing_at_start(settings.comm_at_t0);
     let end = FIRST_EPISODE + settings.episodes;
-    let environment = task.clone().with_physics(settings.physics)?.environment(worlds);
-    let mut session = Session::new(environment, links, settings.seed).starting_at(FIRST_EPISODE);
+    let mut session = session(settings, task, condition, worlds, 0)?;
     if let Some(chaos) = condition.chaos() {
         session = session.with_chaos(chaos, Duration::from_secs_f64(task.spec().dt))?;
     }
@@ -37,6 +38,34 @@ pub(super) fn play(
     let statistics = ledger.into_statistics();
     let returns = statistics.episodes().iter().map(|episode| episode.episode_return).collect();
     Ok(Outcome { returns, errors: errors.finish() })
+}
+
+/// A session that begins with this episode.
+fn session(
+    settings: &Settings,
+    task: &Task,
+    condition: &Condition,
+    worlds: usize,
+    episode: u64,
+) -> Result<Session> {
+    let links = condition.links().build().sharing_at_start(settings.comm_at_t0);
+    let environment = task.clone().with_physics(settings.physics)?.environment(worlds);
+    let session = Session::new(environment, links, settings.seed).relaying(settings.relay);
+    Ok(session.starting_at(FIRST_EPISODE + episode))
+}
+
+/// Plays one of the episodes of a cell alone, by agents in this process, and records it.
+pub(super) fn play_again(
+    settings: &Settings,
+    agents: &AgentSettings,
+    entrant: &Entrant,
+    condition: &Condition,
+    episode: u64,
+) -> Result<Episode> {
+    let mut session = session(settings, &entrant.task, condition, 1, episode)?;
+    let (mut team, mut recorder) = (InProcess::new(agents, &entrant.policy)?, Recorder::in_memory());
+    session.play(&mut team, FIRST_EPISODE + episode + 1, &mut [&mut recorder])?;
+    recorder.into_episodes().pop().ok_or_else(|| Error::Interrupted("interrupted".to_owned()))
 }
 
 /// The returns of agents that choose uniformly among their available actions, in the same episodes.
@@ -70,9 +99,8 @@ pub(super) fn play_at_random(settings: &Settings, task: &Task) -> Result<Vec<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{AgentSettings, PolicySource};
+    use crate::agent::PolicySource;
     use crate::base::stats::mean;
-    use crate::supervisor::InProcess;
 
     fn settings(episodes: u64) -> Settings {
         Settings { episodes, seed: 4, comm_at_t0: true, ..Settings::default() }

@@ -194,10 +194,10 @@ impl Record {
 }
 
 fn words(settings: &Settings) -> String {
-    let Settings { episodes, seed, greedy, comm_at_t0, physics } = settings;
+    let Settings { episodes, seed, greedy, comm_at_t0, .. } = settings;
     format!(
         "{episodes} episodes{}, seed {seed}, {} actions{}",
-        physics.if_other(),
+        settings.if_other(),
         if *greedy { "greedy" } else { "sampled" },
         if *comm_at_t0 { "" } else { ", losses at t = 0" }
     )

@@ -152,22 +152,12 @@ impl Sweep {
 
     fn play(&self, job: &Job) -> Result<Outcome> {
         signals::check_stop()?;
-        let Entrant { source, policy, task, .. } = job.entrant;
+        let Entrant { policy, task, .. } = job.entrant;
         let imputer = job.imputer.unwrap_or("hold");
         let condition = job.condition;
         // An agent is one process for all worlds, and what befalls it would befall it in all of them.
         let worlds = condition.chaos().map_or(self.worlds, |_| 1);
-        let settings = AgentSettings {
-            spec: task.spec().clone(),
-            policy: source.clone(),
-            imputer: imputer.to_owned(),
-            registry: Registry::default(),
-            greedy: self.settings.greedy,
-            seed: self.settings.seed,
-            worlds: worlds.min(self.settings.episodes as usize),
-            longest_delay: condition.links().longest_delay(),
-            tell_logits: false,
-        };
+        let settings = self.agents(job.entrant, condition, imputer, worlds);
         let worlds = settings.worlds;
         match self.place {
             Place::Processes(wait) => {
@@ -178,6 +168,28 @@ impl Sweep {
                 let mut team = InProcess::new(&settings, policy)?;
                 play(&self.settings, policy, task, condition, imputer, worlds, &mut team)
             }
+        }
+    }
+
+    /// The agents of a cell, in at most so many worlds.
+    pub(super) fn agents(
+        &self,
+        entrant: &Entrant,
+        condition: &Condition,
+        imputer: &str,
+        worlds: usize,
+    ) -> AgentSettings {
+        AgentSettings {
+            spec: entrant.task.spec().clone(),
+            policy: entrant.source.clone(),
+            imputer: imputer.to_owned(),
+            registry: Registry::default(),
+            greedy: self.settings.greedy,
+            seed: self.settings.seed,
+            worlds: worlds.min(self.settings.episodes as usize),
+            longest_delay: condition.links().longest_delay(),
+            relay: self.settings.relay,
+            tell_logits: false,
         }
     }
 

@@ -91,5 +91,5 @@ impl Transport for BusEnd {
 
 fn swarm(tag: &str, payload: usize) -> (SwarmAddress, Layout) {
     let address = SwarmAddress { agents: 2, ..SwarmAddress::of(tag) };
-    (address, Layout { agents: 2, observation: payload / 4, action: 1, joint: 1, logits: 1 })
+    (address, Layout { agents: 2, observation: payload / 4, action: 1, joint: 1, logits: 1, relay: false })
 }

@@ -33,12 +33,16 @@ impl Link for Budget {
     fn deliveries(&mut self, context: &Context, fates: &mut Fates) -> Result<()> {
         let (agents, fit) = (fates.agents(), self.bytes / context.bytes);
         if fit == 0 {
+            let fitting: Vec<String> = (1..=agents).map(|n| (n * context.bytes).to_string()).collect();
+            let fitting = match &fitting[..] {
+                [one, two, .., all] if agents > 4 => format!("{one}, {two}, .., {all}"),
+                _ => fitting.join(", "),
+            };
             return Err(usage!(
-                "budget: bytes = {} is less than an observation of this team has, {}; give {} to {}",
+                "budget: bytes = {} is less than a message of this team has, {}; these hold 1 to {agents} messages: \
+                 {fitting}",
                 self.bytes,
-                context.bytes,
-                context.bytes,
-                context.bytes * agents
+                context.bytes
             ));
         }
         let first = if self.by_turns { context.address.step as usize * fit } else { 0 };
@@ -81,6 +85,9 @@ mod tests {
     fn less_than_one_observation_is_refused() {
         let error =
             links("budget(31)").deliveries(&context(0, 1), &mut Fates::new(4)).unwrap_err().to_string();
-        assert!(error.contains("bytes = 31") && error.contains("give 32 to 128"), "{error}");
+        assert!(error.contains("bytes = 31") && error.ends_with("messages: 32, 64, 96, 128"), "{error}");
+        let error =
+            links("budget(31)").deliveries(&context(0, 1), &mut Fates::new(9)).unwrap_err().to_string();
+        assert!(error.ends_with("1 to 9 messages: 32, 64, .., 288"), "{error}");
     }
 }

@@ -115,7 +115,7 @@ pub struct Context<'a> {
     pub address: Address,
     /// The world, counted from 0 among those that are played side by side.
     pub world: usize,
-    /// Bytes of one observation.
+    /// Bytes of one message: an observation, and where agents relay what else it carries.
     pub bytes: usize,
     /// Where the agents are, where the environment has places.
     pub positions: Option<&'a [DVec2]>,

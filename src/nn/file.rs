@@ -1,7 +1,8 @@
 //! The policy file, version 1: safetensors with a description in its metadata. See `docs/policy-file.md`.
 
 use super::meta::Meta;
-use super::networks::{Networks, PredictorSpec};
+use super::networks::{ActorKind, Networks, PredictorSpec};
+use super::onnx::{Description, LARGEST_GRAPH, OnnxSpec};
 use super::weights::Line;
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
@@ -15,6 +16,7 @@ use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 
 const FORMAT: &str = "vamaro-swarm policy";
@@ -29,8 +31,12 @@ pub struct PolicyFile {
     pub networks: Networks,
     /// The dynamics of the environment, if they have been fitted.
     pub dynamics: Option<Dynamics>,
+    /// What its actors see and say, if they are ONNX files.
+    pub onnx: Option<OnnxSpec>,
     /// Names, shapes and places of its tensors, by name.
     pub(crate) tensors: Vec<FileTensor>,
+    /// Names and places of the ONNX files in it, by name; places in bytes from the first byte of all values.
+    pub(crate) graphs: Vec<(String, Range<usize>)>,
     /// Where the values start, in bytes from the start of the file.
     pub(super) data: usize,
 }
@@ -58,16 +64,35 @@ pub enum Precision {
 }
 
 impl PolicyFile {
-    /// Reads the description in the policy file at `path`.
+    /// Reads the description in the policy file at `path`, or that of ONNX files, as if they were in one.
     ///
     /// # Errors
     /// `Usage` if there is no such file or it is not a policy of version 1, `Failed` if it is damaged.
     pub fn read(path: &Path) -> Result<PolicyFile> {
-        PolicyFile::parse(&map(path)?, &path.display().to_string())
+        match Description::read(path)? {
+            Some(description) => Ok(PolicyFile {
+                meta: description.meta(),
+                networks: description.networks(),
+                dynamics: None,
+                onnx: Some(description.actor),
+                tensors: Vec::new(),
+                graphs: Vec::new(),
+                data: 0,
+            }),
+            None => PolicyFile::parse(&map(path)?, &path.display().to_string()),
+        }
     }
 
-    /// How all its values are stored, if they are stored alike.
+    /// Whether it is not a policy file itself, but describes ONNX files.
+    pub(crate) fn is_description(&self) -> bool {
+        self.onnx.is_some() && self.graphs.is_empty()
+    }
+
+    /// How all its values are stored, if they are stored alike, and no ONNX files behind them.
     pub(super) fn precision(&self) -> Option<Precision> {
+        if !self.graphs.is_empty() {
+            return None;
+        }
         let mut precisions = self.tensors.iter().map(|tensor| tensor.precision);
         let first = precisions.next()?;
         precisions.all(|other| other == first).then_some(first)
@@ -81,10 +106,18 @@ impl PolicyFile {
         let words = Words { words: content.metadata().as_ref().unwrap_or(&none), source };
         let (meta, networks) = words.read()?;
         let dynamics = words.dynamics()?;
+        let onnx = match networks.actor {
+            ActorKind::Onnx => Some(OnnxSpec::from_json(words.text("onnx")?, source)?),
+            ActorKind::Mlp | ActorKind::Gru => None,
+        };
 
-        let mut tensors = Vec::new();
+        let (mut tensors, mut graphs) = (Vec::new(), Vec::new());
         for (name, info) in content.tensors() {
             let precision = match info.dtype {
+                Dtype::U8 if onnx.is_some() => {
+                    graphs.push((name, info.data_offsets.0..info.data_offsets.1));
+                    continue;
+                }
                 Dtype::F32 => Precision::Full,
                 Dtype::F16 => Precision::Half,
                 other => return Err(failed!("{source}: tensor {name} is {other}, expected F32 or F16")),
@@ -97,7 +130,27 @@ impl PolicyFile {
             });
         }
         tensors.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(PolicyFile { meta, networks, dynamics, tensors, data: size_of::<u64>() + header })
+        graphs.sort_by(|(a, _), (b, _)| a.cmp(b));
+        Ok(PolicyFile { meta, networks, dynamics, onnx, tensors, graphs, data: size_of::<u64>() + header })
+    }
+
+    /// The ONNX files among all its `bytes`, in the order of [`Networks::graph_names`].
+    pub(super) fn graphs(&self, bytes: &[u8], names: &[String], source: &str) -> Result<Vec<Vec<u8>>> {
+        if let Some((extra, _)) = self.graphs.iter().find(|(name, _)| !names.contains(name)) {
+            return Err(failed!("{source}: unexpected ONNX file {extra}"));
+        }
+        let graph = |name: &String| {
+            let found = self.graphs.iter().find(|(found, _)| found == name);
+            let (_, range) = found.ok_or_else(|| failed!("{source}: the ONNX file {name} is missing"))?;
+            if range.len() as u64 > LARGEST_GRAPH {
+                return Err(failed!(
+                    "{source}: the ONNX file {name} has {} bytes, at most {LARGEST_GRAPH} are read",
+                    range.len()
+                ));
+            }
+            Ok(bytes[self.data..][range.clone()].to_vec())
+        };
+        names.iter().map(graph).collect()
     }
 }
 
@@ -138,18 +191,27 @@ pub(crate) fn map(path: &Path) -> Result<Mmap> {
     unsafe { Mmap::map(&file) }.map_err(|error| Error::io("map", path, error))
 }
 
+/// What a policy file says of itself.
+pub(super) struct About<'a> {
+    pub meta: &'a Meta,
+    pub networks: &'a Networks,
+    pub dynamics: Option<&'a Dynamics>,
+    pub onnx: Option<&'a OnnxSpec>,
+}
+
 /// Writes a policy file. Tensors that fill whole cache lines come first, so that those start on one when the
-/// file is mapped.
+/// file is mapped; ONNX files come last.
 pub(super) fn write<'a>(
     path: &Path,
-    description: (&Meta, &Networks, Option<&Dynamics>),
+    about: &About,
     precision: Precision,
     tensors: impl Iterator<Item = (&'a str, &'a [usize], &'a [f32])>,
+    graphs: &[(String, &[u8])],
 ) -> Result<()> {
     let (mut tensors, others): (Vec<_>, Vec<_>) =
         tensors.partition(|(_, _, values)| values.len() % Line::VALUES == 0);
     tensors.extend(others);
-    write_tensors(path, &words(description), precision, &tensors)
+    write_all(path, &words(about), precision, &tensors, graphs)
 }
 
 /// Writes a safetensors file of tensors (name, shape, values) in this order: beside `path` first, and then
@@ -159,6 +221,17 @@ pub(crate) fn write_tensors(
     metadata: &BTreeMap<&str, String>,
     precision: Precision,
     tensors: &[(&str, &[usize], &[f32])],
+) -> Result<()> {
+    write_all(path, metadata, precision, tensors, &[])
+}
+
+/// As [`write_tensors`], with bytes behind the tensors.
+fn write_all(
+    path: &Path,
+    metadata: &BTreeMap<&str, String>,
+    precision: Precision,
+    tensors: &[(&str, &[usize], &[f32])],
+    graphs: &[(String, &[u8])],
 ) -> Result<()> {
     let (dtype, size) = match precision {
         Precision::Full => ("F32", size_of::<f32>()),
@@ -171,6 +244,14 @@ pub(crate) fn write_tensors(
         let end = offset + values.len() * size;
         header
             .insert(name.to_string(), json!({"dtype": dtype, "shape": shape, "data_offsets": [offset, end]}));
+        offset = end;
+    }
+    for (name, bytes) in graphs {
+        let end = offset + bytes.len();
+        header.insert(
+            name.clone(),
+            json!({"dtype": "U8", "shape": [bytes.len()], "data_offsets": [offset, end]}),
+        );
         offset = end;
     }
     let mut header = Value::Object(header).to_string().into_bytes();
@@ -187,16 +268,16 @@ pub(crate) fn write_tensors(
                 let halves = values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes());
                 file.write_all(&halves.collect::<Vec<u8>>())
             }
-        })
+        })?;
+        graphs.iter().try_for_each(|(_, bytes)| file.write_all(bytes))
     };
     put().map_err(|error| Error::io("write", path, std::io::Error::from(error.kind())))?;
     file.commit()
 }
 
 /// The metadata of a policy file.
-fn words(
-    (meta, networks, dynamics): (&Meta, &Networks, Option<&Dynamics>),
-) -> BTreeMap<&'static str, String> {
+fn words(about: &About) -> BTreeMap<&'static str, String> {
+    let About { meta, networks, dynamics, onnx } = about;
     let mut words = BTreeMap::from([
         ("format", FORMAT.to_string()),
         ("version", VERSION.to_string()),
@@ -212,6 +293,7 @@ fn words(
         ("predictors", json!(networks.predictors).to_string()),
     ]);
     words.extend(dynamics.map(|dynamics| ("dynamics", json!(dynamics).to_string())));
+    words.extend(onnx.map(|onnx| ("onnx", json!(onnx).to_string())));
     words
 }
 
@@ -246,13 +328,20 @@ impl Words<'_> {
         let predictors: Vec<PredictorSpec> = serde_json::from_str(self.text("predictors")?)
             .map_err(|error| failed!("{source}: cannot read `predictors` in its metadata: {error}"))?;
         let networks = Networks {
-            actor: self.variant("actor")?,
+            actor: self.actor()?,
             sharing: self.variant("sharing")?,
             hidden: self.number("hidden")?.try_into().unwrap_or(usize::MAX),
             predictors,
         };
         networks.check().map_err(|error| failed!("{source}: {error}"))?;
         Ok((meta, networks))
+    }
+
+    fn actor(&self) -> Result<ActorKind> {
+        match self.text("actor")? {
+            "onnx" => Ok(ActorKind::Onnx),
+            _ => self.variant("actor"),
+        }
     }
 
     fn dynamics(&self) -> Result<Option<Dynamics>> {

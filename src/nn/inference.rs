@@ -241,7 +241,8 @@ pub(super) fn run_on_halves(rows: usize) -> bool {
 /// `y = x @ weight + start`, of that part of the weight which begins `from` there and meets `x`. Of few rows it reads f16
 /// where the weight is that: half as much, and the same bits.
 fn product(rows: usize, x: &[f32], weight: &Tensor, from: usize, start: Start, y: &mut [f32]) {
-    let part = from..from + if rows == 0 { 0 } else { x.len() / rows * (y.len() / rows) };
+    let (k, n) = (x.len().checked_div(rows).unwrap_or(0), y.len().checked_div(rows).unwrap_or(0));
+    let part = from..from + k * n;
     match weight.halves() {
         Some(halves) if run_on_halves(rows) => {
             kernels::linear_of_halves(rows, x, &halves[part], start, y);

@@ -7,9 +7,10 @@
 //!
 //! A [`Policy`] holds the actors of all agents and any number of named predictors. It is [read](Policy::open)
 //! from a policy file, which is mapped and not copied, [imported](import()) from the paper's published code,
-//! or [untrained](Policy::untrained). Networks run on flat f32 weights with state and scratch of the caller:
+//! or [untrained](Policy::untrained). An actor may also be an [ONNX file](OnnxSpec). Networks run on flat f32 weights with state and scratch of the caller:
 //! no allocation, no threads, and every row independent of the rows computed with it.
 
+mod actor;
 mod file;
 #[cfg(feature = "candle")]
 mod import;
@@ -18,6 +19,7 @@ pub mod kernels;
 mod meta;
 mod network;
 mod networks;
+mod onnx;
 mod pickle;
 mod policy;
 mod predictor;
@@ -29,6 +31,7 @@ mod state_dict;
 mod tests;
 mod weights;
 
+pub use actor::{Actor, ActorState};
 pub use file::PolicyFile;
 pub(crate) use file::{Precision, map, write_tensors};
 #[cfg(feature = "candle")]
@@ -41,10 +44,14 @@ pub use network::{Layer, Network, TensorSpec};
 #[cfg(test)]
 pub(crate) use networks::NAMED_OTHERWISE;
 pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, critic};
+pub use onnx::{Choice, Normalisation, OnnxSpec, Said, Seen};
+pub(crate) use onnx::{Description, Files};
 pub use policy::Policy;
 pub use predictor::{Predictor, PredictorState};
 pub use weights::Tensor;
 pub(crate) use weights::{Aligned, Line};
+
+use crate::environment::{ActionSpace, AgentSpec};
 
 /// The sizes a policy must fit: those of a task.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,9 +66,21 @@ pub struct Dims {
     pub predicted: usize,
     /// The number of actions of an agent.
     pub n_actions: usize,
+    /// What each agent observes and does. Networks of ours need no more than the sizes above.
+    pub agents: Vec<AgentSpec>,
 }
 
 impl Dims {
+    /// How many values an actor may say: a logit for each action, or, where agents act by values, of each the mean and the
+    /// log-std.
+    pub fn said(&self) -> usize {
+        let of_values = self.agents.iter().map(|agent| match &agent.actions {
+            ActionSpace::Discrete(_) => 0,
+            ActionSpace::Box { low, .. } => 2 * low.len(),
+        });
+        of_values.max().unwrap_or(0).max(self.n_actions)
+    }
+
     /// The number of an agent's action among all actions of all agents, of which the input `own-action` is a one-hot.
     pub fn act(&self, agent: usize, action: usize) -> usize {
         agent * self.n_actions + action

@@ -31,6 +31,10 @@ pub enum ActorKind {
     Mlp,
     /// A GRU cell, whose state starts an episode at zero.
     Gru,
+    /// Whatever ONNX files hold: these actors are no networks of ours. Nothing but such files says so, no setting of a
+    /// training run in particular.
+    #[serde(skip_deserializing)]
+    Onnx,
 }
 
 /// Who runs which actor.
@@ -48,6 +52,7 @@ impl fmt::Display for ActorKind {
         f.write_str(match self {
             ActorKind::Mlp => "mlp",
             ActorKind::Gru => "gru",
+            ActorKind::Onnx => "onnx",
         })
     }
 }
@@ -174,13 +179,29 @@ impl Networks {
 
     /// Every tensor of a policy for `dims`: actors by agent, then predictors, each from input to output.
     pub fn tensors(&self, dims: &Dims) -> Vec<TensorSpec> {
-        let copies = match self.sharing {
-            Sharing::Separate => dims.n_agents,
-            Sharing::Shared => 1,
-        };
-        let actors = (0..copies).map(|agent| self.actor(agent, dims));
+        let actors = (0..self.n_actors(dims)).map(|agent| self.actor(agent, dims));
         let predictors = self.predictors.iter().map(|predictor| predictor.network(dims));
         actors.chain(predictors).flat_map(|network| network.tensors()).collect()
+    }
+
+    /// What the ONNX files that they need are called in a policy file.
+    pub(super) fn graph_names(&self, dims: &Dims) -> Vec<String> {
+        match (self.actor, self.sharing) {
+            (ActorKind::Mlp | ActorKind::Gru, _) => Vec::new(),
+            (ActorKind::Onnx, Sharing::Shared) => vec!["actors.shared.onnx".to_owned()],
+            (ActorKind::Onnx, Sharing::Separate) => {
+                (0..dims.n_agents).map(|agent| format!("actors.{agent}.onnx")).collect()
+            }
+        }
+    }
+
+    /// How many networks of ours act.
+    fn n_actors(&self, dims: &Dims) -> usize {
+        match (self.actor, self.sharing) {
+            (ActorKind::Onnx, _) => 0,
+            (ActorKind::Mlp | ActorKind::Gru, Sharing::Shared) => 1,
+            (ActorKind::Mlp | ActorKind::Gru, Sharing::Separate) => dims.n_agents,
+        }
     }
 
     /// The actor of this agent, from the joint estimate, and an id where all share it, to logits:
@@ -194,6 +215,7 @@ impl Networks {
         let middle = match self.actor {
             ActorKind::Mlp => Layer::relu("fc2", hidden, hidden),
             ActorKind::Gru => Layer::Gru(hidden),
+            ActorKind::Onnx => unreachable!("an ONNX file describes itself"),
         };
         let first = Layer::relu("fc1", inputs + ones, hidden);
         let layers = vec![first, middle, Layer::linear("out", hidden, dims.n_actions)];
@@ -206,7 +228,9 @@ impl Networks {
             1..=MAX_HIDDEN => Ok(()),
             _ => Err(format!("the hidden size of {what} is {size}, expected 1 to {MAX_HIDDEN}")),
         };
-        hidden("the actors", self.hidden)?;
+        if self.actor != ActorKind::Onnx {
+            hidden("the actors", self.hidden)?;
+        }
         for (at, predictor) in self.predictors.iter().enumerate() {
             let name = &predictor.name;
             let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';

@@ -1,10 +1,12 @@
 //! A policy: the actors of all agents, and the predictors that keep their joint estimate alive.
 
-use super::file::{self, PolicyFile, Precision};
+use super::actor::Actor;
+use super::file::{self, About, PolicyFile, Precision};
 use super::inference::{Inference, run_on_halves};
 use super::meta::Meta;
 use super::network::{Network, TensorSpec};
-use super::networks::{Networks, Sharing};
+use super::networks::{ActorKind, Networks, Sharing};
+use super::onnx::{Choice, Description, Graphs};
 use super::predictor::Predictor;
 use super::weights::{Storage, Tensor};
 use super::{Dims, PredictorSpec};
@@ -25,13 +27,15 @@ pub struct Policy {
     dynamics: Option<Dynamics>,
     dims: Dims,
     tensors: Vec<(TensorSpec, Tensor)>,
-    actors: Vec<Inference>,
+    /// The ONNX files that are its actors, if they are.
+    graphs: Option<Graphs>,
+    actors: Vec<Actor>,
     predictors: Vec<Predictor>,
 }
 
 impl Policy {
     /// The policy in the file at `path`. Its weights are mapped, not copied: they are in memory once for all
-    /// processes that open the file.
+    /// processes that open the file. It may also be a text that describes ONNX files beside it.
     ///
     /// # Errors
     /// `Usage` if there is no such file, or it is not a policy, or one for another task; `Failed` if it is
@@ -47,6 +51,9 @@ impl Policy {
     /// # Errors
     /// As [`Policy::open`], except that values that are not finite go unnoticed.
     pub(crate) fn open_copy(path: &Path, dims: &Dims) -> Result<Policy> {
+        if let Some(description) = Description::read(path)? {
+            return Policy::of_description(description, dims, &path.display().to_string());
+        }
         let map = file::map(path)?;
         let source = path.display().to_string();
         let file = PolicyFile::parse(&map, &source)?;
@@ -54,7 +61,18 @@ impl Policy {
             return Policy::converted(file, &map, dims, &source);
         };
         let storage = Storage::mapped(map, file.data, precision);
-        Policy::from_file(file, storage, dims, &source)
+        Policy::from_file(file, storage, None, dims, &source)
+    }
+
+    /// The policy that a description names the ONNX files of.
+    ///
+    /// # Errors
+    /// `Usage` if it is for another task, a file is not there, or it cannot act for an agent.
+    pub(crate) fn of_description(description: Description, dims: &Dims, source: &str) -> Result<Policy> {
+        check_task(&description.task, dims, source)?;
+        let (meta, networks) = (description.meta(), description.networks());
+        let graphs = Graphs::load(description.graphs(dims)?, description.actor, source)?;
+        Policy::assemble(dims, meta, networks, Vec::new(), Some(graphs), source)
     }
 
     /// The policy in a file that is part of the program. The bytes are used where they are if they are
@@ -70,7 +88,7 @@ impl Policy {
             return Policy::converted(file, bytes, dims, source);
         };
         let storage = Storage::from_static(&bytes[file.data..], precision);
-        Policy::from_file(file, storage, dims, source)
+        Policy::from_file(file, storage, None, dims, source)
     }
 
     /// A policy that has learned nothing: PyTorch's default initialisation, [drawn](TensorSpec::untrained)
@@ -92,6 +110,19 @@ impl Policy {
     /// `Usage` if there cannot be such networks; `Failed` if there are too many values or too few, or one is
     /// not finite.
     pub fn new(dims: &Dims, meta: Meta, networks: Networks, values: &[f32]) -> Result<Policy> {
+        if networks.actor == ActorKind::Onnx {
+            return Err(usage!("a policy for {} of ONNX files cannot be made without these", dims.task));
+        }
+        Policy::with_graphs(dims, meta, networks, values, None)
+    }
+
+    fn with_graphs(
+        dims: &Dims,
+        meta: Meta,
+        networks: Networks,
+        values: &[f32],
+        graphs: Option<Graphs>,
+    ) -> Result<Policy> {
         networks.check().and_then(|()| networks.check_fit(dims)).map_err(|error| usage!("{error}"))?;
         let specs = networks.tensors(dims);
         let expected: usize = specs.iter().map(TensorSpec::n_values).sum();
@@ -112,7 +143,8 @@ impl Policy {
         let storage = Arc::new(storage);
         let tensors = ranges.into_iter().map(|range| Tensor::new(storage.clone(), range, Precision::Full));
         let tensors = specs.into_iter().zip(tensors).collect();
-        Policy::assemble(dims, meta, networks, tensors).checked("the new policy")
+        let source = "the new policy";
+        Policy::assemble(dims, meta, networks, tensors, graphs, source)?.checked(source)
     }
 
     /// This policy with other values, in the order of [`Policy::copy_values`].
@@ -149,7 +181,8 @@ impl Policy {
 
     /// This policy with other networks.
     fn with(&self, networks: Networks, values: &[f32]) -> Result<Policy> {
-        let policy = Policy::new(&self.dims, self.meta.clone(), networks, values)?;
+        let policy =
+            Policy::with_graphs(&self.dims, self.meta.clone(), networks, values, self.graphs.clone())?;
         Ok(Policy { dynamics: self.dynamics.clone(), ..policy })
     }
 
@@ -194,7 +227,15 @@ impl Policy {
             let values = rest.split_off(..tensor.len()).expect("there are values for every tensor");
             (&spec.name[..], &spec.shape[..], values)
         });
-        file::write(path, (&self.meta, &self.networks, self.dynamics.as_ref()), precision, tensors)
+        let about = About {
+            meta: &self.meta,
+            networks: &self.networks,
+            dynamics: self.dynamics.as_ref(),
+            onnx: self.graphs.as_ref().map(|graphs| &graphs.spec),
+        };
+        let names = self.networks.graph_names(&self.dims).into_iter();
+        let graphs: Vec<_> = names.zip(self.graphs.iter().flat_map(Graphs::files)).collect();
+        file::write(path, &about, precision, tensors, &graphs)
     }
 
     /// As [`save`](Policy::save), for processes of this machine that run steps of so many rows: as f16 if it is, and they
@@ -216,8 +257,13 @@ impl Policy {
     }
 
     /// The actor of this agent, which must be one of the task's.
-    pub fn actor(&self, agent: usize) -> &Inference {
+    pub fn actor(&self, agent: usize) -> &Actor {
         &self.actors[agent]
+    }
+
+    /// Whether its agents always take the most probable action, as the description of an ONNX file may say.
+    pub fn is_greedy(&self) -> bool {
+        self.graphs.as_ref().is_some_and(|graphs| graphs.spec.actions == Choice::Greedy)
     }
 
     /// The predictor of this name.
@@ -263,8 +309,10 @@ impl Policy {
         // As they are in policy files, which stay readable: what counts is not how this version spells it in memory.
         let Networks { actor, sharing, hidden, predictors } = self.networks();
         let networks = json!([actor, sharing, hidden, predictors, self.dynamics()]);
-        let words = format!("{} {} {networks}", meta.task, meta.algorithm);
-        let bytes = words.as_bytes().iter().chain(bytemuck::cast_slice(&values));
+        let onnx = self.graphs.as_ref().map(|graphs| json!(graphs.spec).to_string()).unwrap_or_default();
+        let words = format!("{} {} {networks}{onnx}", meta.task, meta.algorithm);
+        let graphs = self.graphs.iter().flat_map(Graphs::files).flatten();
+        let bytes = words.as_bytes().iter().chain(bytemuck::cast_slice(&values)).chain(graphs);
         let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
             (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
         });
@@ -288,7 +336,11 @@ impl Policy {
     }
 
     /// Where the actor of this agent is in the values of [`copy_values`](Policy::copy_values).
+    /// An ONNX file has no values there.
     pub(crate) fn actor_range(&self, agent: usize) -> Range<usize> {
+        if self.graphs.is_some() {
+            return 0..0;
+        }
         self.range_of(&self.networks.actor(agent, &self.dims))
     }
 
@@ -305,23 +357,35 @@ impl Policy {
         start..start + length
     }
 
-    /// The policy in the `bytes` of a file of both f32 and f16, in memory of its own.
+    /// The policy in the `bytes` of a file that is not all f32 or all f16, in memory of its own.
     fn converted(mut file: PolicyFile, bytes: &[u8], dims: &Dims, source: &str) -> Result<Policy> {
+        let graphs = Policy::graphs_in(&file, bytes, dims, source)?;
         let values = file.tensors.iter().map(|tensor| tensor.values(&bytes[file.data..]));
         let values: Vec<Vec<f32>> = values.collect();
         let (storage, ranges) = Storage::copy(values.iter().map(|values| &values[..]));
         for (tensor, range) in file.tensors.iter_mut().zip(ranges) {
             (tensor.precision, tensor.start) = (Precision::Full, range.start * size_of::<f32>());
         }
-        Policy::from_file(file, storage, dims, source)
+        Policy::from_file(file, storage, graphs, dims, source)
+    }
+
+    /// The ONNX files of `file`, among all its `bytes`.
+    fn graphs_in(file: &PolicyFile, bytes: &[u8], dims: &Dims, source: &str) -> Result<Option<Graphs>> {
+        let Some(spec) = &file.onnx else { return Ok(None) };
+        let graphs = file.graphs(bytes, &file.networks.graph_names(dims), source)?;
+        Graphs::load(graphs, spec.clone(), source).map(Some)
     }
 
     /// Checks what `file` promises against what `dims` needs and `storage` holds, but for the values themselves.
-    fn from_file(file: PolicyFile, storage: Storage, dims: &Dims, source: &str) -> Result<Policy> {
+    fn from_file(
+        file: PolicyFile,
+        storage: Storage,
+        graphs: Option<Graphs>,
+        dims: &Dims,
+        source: &str,
+    ) -> Result<Policy> {
         let PolicyFile { meta, networks, dynamics, tensors: found, .. } = file;
-        if meta.task != dims.task {
-            return Err(usage!("{source} is a policy for task {}, not for {}", meta.task, dims.task));
-        }
+        check_task(&meta.task, dims, source)?;
         networks.check_fit(dims).map_err(|error| failed!("{source}: {error}"))?;
         let specs = networks.tensors(dims);
         let expected: HashSet<&str> = specs.iter().map(|spec| &spec.name[..]).collect();
@@ -343,7 +407,7 @@ impl Policy {
             let range = start..start + spec.n_values();
             tensors.push((spec, Tensor::new(storage.clone(), range, tensor.precision)));
         }
-        Ok(Policy { dynamics, ..Policy::assemble(dims, meta, networks, tensors) })
+        Ok(Policy { dynamics, ..Policy::assemble(dims, meta, networks, tensors, graphs, source)? })
     }
 
     /// This policy, unless one of its values is not finite.
@@ -359,23 +423,41 @@ impl Policy {
         Ok(self)
     }
 
-    /// The networks of these tensors, which are those of [`Networks::tensors`].
-    fn assemble(dims: &Dims, meta: Meta, networks: Networks, tensors: Vec<(TensorSpec, Tensor)>) -> Policy {
+    /// The networks of these tensors, which are those of [`Networks::tensors`], and of ONNX files if there are any.
+    fn assemble(
+        dims: &Dims,
+        meta: Meta,
+        networks: Networks,
+        tensors: Vec<(TensorSpec, Tensor)>,
+        graphs: Option<Graphs>,
+        source: &str,
+    ) -> Result<Policy> {
         let inference = |network: Network, id| {
             let own = tensors.iter().filter(|(spec, _)| network.owns(&spec.name));
             Inference::new(&network, id, own.map(|(_, tensor)| tensor))
         };
-        let actor = |agent| {
-            let id = (networks.sharing == Sharing::Shared).then_some(agent);
-            inference(networks.actor(agent, dims), id)
+        let actor = |agent| match &graphs {
+            Some(graphs) => graphs.actor(agent, dims, source).map(Actor::from),
+            None => {
+                let id = (networks.sharing == Sharing::Shared).then_some(agent);
+                Ok(inference(networks.actor(agent, dims), id).into())
+            }
         };
         let predictor = |spec: &PredictorSpec| Predictor {
             spec: spec.clone(),
             network: inference(spec.network(dims), None),
             dims: dims.clone(),
         };
-        let actors = (0..dims.n_agents).map(actor).collect();
+        let actors = (0..dims.n_agents).map(actor).collect::<Result<_>>()?;
         let predictors = networks.predictors.iter().map(predictor).collect();
-        Policy { meta, networks, dynamics: None, dims: dims.clone(), tensors, actors, predictors }
+        Ok(Policy { meta, networks, dynamics: None, dims: dims.clone(), tensors, graphs, actors, predictors })
     }
+}
+
+/// An error if a policy is for another task.
+fn check_task(task: &str, dims: &Dims, source: &str) -> Result<()> {
+    if task == dims.task {
+        return Ok(());
+    }
+    Err(usage!("{source} is a policy for task {task}, not for {}", dims.task))
 }

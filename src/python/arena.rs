@@ -33,7 +33,8 @@ type Pairs = Vec<[f64; 2]>;
 impl Arena {
     /// Of `worlds` worlds of the task of this name.
     #[staticmethod]
-    #[pyo3(signature = (task, *, links, imputer, policy, worlds, share_at_start))]
+    #[expect(clippy::too_many_arguments, reason = "the package calls it, by name")]
+    #[pyo3(signature = (task, *, links, imputer, policy, worlds, share_at_start, relay = false))]
     fn of_task(
         py: Python,
         task: &str,
@@ -42,11 +43,12 @@ impl Arena {
         policy: Option<&str>,
         worlds: usize,
         share_at_start: bool,
+        relay: bool,
     ) -> PyResult<Arena> {
         let play = || {
             let task = Task::parse(task)?;
             let policy = policy.map(|name| policy_source(name, 0)).transpose()?;
-            Play::of_task(&task, policy.as_ref(), &Hearing { links, imputer, share_at_start }, worlds)
+            Play::of_task(&task, policy.as_ref(), &Hearing { links, imputer, share_at_start, relay }, worlds)
         };
         play().map(|play| Arena(Mutex::new(play))).map_err(|error| raised(py, error))
     }
@@ -55,7 +57,7 @@ impl Arena {
     /// s. A `policy` file may hold a predictor that is the imputer.
     #[staticmethod]
     #[expect(clippy::too_many_arguments, reason = "the package calls it, by name")]
-    #[pyo3(signature = (name, agents, *, values, dt, links, imputer, policy, share_at_start))]
+    #[pyo3(signature = (name, agents, *, values, dt, links, imputer, policy, share_at_start, relay = false))]
     fn elsewhere(
         py: Python,
         name: &str,
@@ -66,9 +68,10 @@ impl Arena {
         imputer: &str,
         policy: Option<PathBuf>,
         share_at_start: bool,
+        relay: bool,
     ) -> PyResult<Arena> {
         let play = || {
-            let hearing = Hearing { links, imputer: Some(imputer), share_at_start };
+            let hearing = Hearing { links, imputer: Some(imputer), share_at_start, relay };
             Play::elsewhere(described(name, &agents, values, dt)?, policy.as_deref(), &hearing)
         };
         play().map(|play| Arena(Mutex::new(play))).map_err(|error| raised(py, error))

@@ -1,15 +1,17 @@
 //! What agents have whose policies are elsewhere: what their links deliver, and what their imputers make of the rest.
 
 use crate::agent::imputer::{Setup, Step};
-use crate::agent::{Imputer, JointLayout, Mailbox, Registry};
+use crate::agent::{AgentSettings, Holdings, Imputer, JointLayout, Mailbox, Registry};
 use crate::base::error::Result;
-use crate::bus::{Header, Kind, LocalSample, NOT_ARRIVED, PROTOCOL};
+use crate::bus::{Header, Kind, Layout, LocalSample, NOT_ARRIVED, PROTOCOL};
 use crate::supervisor::Tick;
 
 /// The mailboxes and imputers of all agents, in each world: agents without actors.
 #[derive(Debug)]
 pub(super) struct Ears {
     layout: JointLayout,
+    /// Of messages.
+    messages: Layout,
     agents: Vec<Ear>,
     /// Padded values of an observation.
     observation: usize,
@@ -26,6 +28,8 @@ pub(super) struct Ears {
 #[derive(Debug)]
 struct Ear {
     mailbox: Mailbox<LocalSample>,
+    /// What the agent passes on, where agents relay.
+    holdings: Option<Holdings>,
     imputer: Box<dyn Imputer>,
 }
 
@@ -37,18 +41,22 @@ impl Ears {
     ///
     /// # Errors
     /// `Usage` if there is no such imputer.
-    pub(super) fn new(setup: &Setup, registry: &Registry, imputer: &str) -> Result<Ears> {
+    pub(super) fn new(setup: &Setup, registry: &Registry, imputer: &str, relay: bool) -> Result<Ears> {
         let (spec, worlds) = (setup.spec, setup.worlds);
         let (layout, observation) = (JointLayout::of(spec), spec.padded_obs_dim());
+        let settings = AgentSettings { relay, longest_delay: setup.longest_delay, ..AgentSettings::of(spec) };
+        let (messages, longest_delay) = (settings.layout(), settings.longest_age());
         let ear = |agent| {
-            let mailbox = Mailbox::new(layout.agents, 0, observation, setup.longest_delay);
-            let imputer = registry.make(imputer, &Setup { agent, ..*setup })?;
-            Ok(Ear { mailbox, imputer })
+            let mailbox = Mailbox::new(messages, 0, setup.longest_delay);
+            let holdings = relay.then(|| Holdings::new(messages, agent, worlds));
+            let imputer = registry.make(imputer, &Setup { agent, longest_delay, ..*setup })?;
+            Ok(Ear { mailbox, holdings, imputer })
         };
         let rows = layout.agents * worlds;
         Ok(Ears {
             agents: (0..layout.agents).map(ear).collect::<Result<_>>()?,
             layout,
+            messages,
             observation,
             estimates: vec![0.0; rows * layout.joint()],
             ages: vec![NEVER; rows * layout.agents],
@@ -60,7 +68,10 @@ impl Ears {
     /// An episode begins in each world.
     pub(super) fn begin_episodes(&mut self) {
         let worlds = self.nothing.len();
-        self.agents.iter_mut().for_each(|ear| ear.imputer.begin_episodes(worlds));
+        for Ear { holdings, imputer, .. } in &mut self.agents {
+            imputer.begin_episodes(worlds);
+            holdings.iter_mut().for_each(Holdings::forget);
+        }
         self.ages.fill(NEVER);
     }
 
@@ -74,8 +85,16 @@ impl Ears {
         let rows = observations.zip(self.estimates.chunks_exact_mut(joint)).zip(known);
         for (row, ((own, estimate), (ages, mask))) in rows.enumerate() {
             let (agent, world) = (row / tick.worlds, row % tick.worlds);
-            let Ear { mailbox, imputer } = &mut self.agents[agent];
-            let inbox = mailbox.deliver(world, tick.arriving(agent, world), &now);
+            let Ear { mailbox, holdings, imputer } = &mut self.agents[agent];
+            let arriving = tick.messages(agent, world);
+            let inbox = match holdings {
+                Some(holdings) => {
+                    let inbox = mailbox.deliver_relayed(world, arriving, &now, holdings);
+                    holdings.take(world, &inbox);
+                    inbox
+                }
+                None => mailbox.deliver(world, arriving, &now),
+            };
             imputer.fuse(world, own, &inbox, estimate);
             for (sender, (age, mask)) in ages.iter_mut().zip(mask).enumerate() {
                 let arrived = if sender == agent { 0 } else { inbox.age(sender) };
@@ -99,11 +118,17 @@ impl Ears {
                 sender: sender as u32,
                 tick: tick.tick,
                 worlds: tick.worlds as u32,
-                length: each as u64,
+                length: self.messages.observation_words(tick.worlds) as u64,
                 ..Header::default()
             };
-            let write = |words: &mut [u32]| words.copy_from_slice(bytemuck::cast_slice(observations));
-            let message = LocalSample::new(header, write);
+            let holdings = &mut self.agents[sender].holdings;
+            let message = LocalSample::new(header, |words| match holdings {
+                Some(holdings) => {
+                    holdings.begin_tick(tick.tick);
+                    holdings.write(observations, words);
+                }
+                None => words.copy_from_slice(bytemuck::cast_slice(observations)),
+            });
             let others = self.agents.iter_mut().enumerate().filter(|(agent, _)| *agent != sender);
             others.for_each(|(_, ear)| ear.mailbox.accept(message.clone()));
         }

@@ -123,7 +123,7 @@ impl Evaluation {
     fn write(&self, py: Python, folder: PathBuf, paper: bool) -> PyResult<Vec<PathBuf>> {
         let write = || {
             std::fs::create_dir_all(&folder).map_err(|e| Error::io("create the folder", &folder, e))?;
-            report::write(&folder, &self.played, &self.summary, &self.provenance, paper)
+            report::write(&folder, &self.played, &self.summary, &[], &self.provenance, paper)
         };
         py.detach(write).map_err(|error| raised(py, error))
     }

@@ -25,6 +25,7 @@ pub(super) struct Play {
     spec: Spec,
     worlds: usize,
     longest_delay: u8,
+    relay: bool,
     policy: Policy,
     imputer: String,
     /// The seed that the imputers were made with.
@@ -44,6 +45,8 @@ pub(super) struct Hearing<'a> {
     pub imputer: Option<&'a str>,
     /// Whether everything is delivered at t = 0.
     pub share_at_start: bool,
+    /// Whether messages also carry the newest that their senders hold of others.
+    pub relay: bool,
 }
 
 impl Hearing<'_> {
@@ -91,9 +94,10 @@ impl Play {
     }
 
     fn assemble(stage: Stage, policy: Policy, hearing: &Hearing, worlds: usize) -> Result<Play> {
+        let (stage, relay) = (stage.relaying(hearing.relay), hearing.relay);
         let (spec, longest_delay) = (stage.spec().clone(), stage.longest_delay());
         let imputer = Registry::default().choose(hearing.imputer, &policy)?;
-        let ears = ears(&spec, &policy, &imputer, worlds, longest_delay, 0)?;
+        let ears = ears(&spec, &policy, &imputer, worlds, (longest_delay, relay), 0)?;
         Ok(Play {
             decisions: Decisions {
                 actions: vec![0; spec.n_agents() * worlds * spec.action_width()],
@@ -104,6 +108,7 @@ impl Play {
             spec,
             worlds,
             longest_delay,
+            relay,
             policy,
             imputer,
             seed: 0,
@@ -116,8 +121,8 @@ impl Play {
     /// Begins the episodes from this one on, one in each world.
     pub(super) fn begin(&mut self, seed: u64, episode: u64) -> Result<()> {
         if seed != self.seed {
-            let Play { spec, policy, imputer, worlds, longest_delay, .. } = self;
-            self.ears = ears(spec, policy, imputer, *worlds, *longest_delay, seed)?;
+            let Play { spec, policy, imputer, worlds, longest_delay, relay, .. } = self;
+            self.ears = ears(spec, policy, imputer, *worlds, (*longest_delay, *relay), seed)?;
             self.seed = seed;
         }
         let end = episode.checked_add(self.worlds as u64);
@@ -216,11 +221,11 @@ fn ears(
     policy: &Policy,
     imputer: &str,
     worlds: usize,
-    longest_delay: u8,
+    (longest_delay, relay): (u8, bool),
     seed: u64,
 ) -> Result<Ears> {
     let setup = Setup { spec, policy, agent: 0, worlds, longest_delay, seed, greedy: false };
-    Ears::new(&setup, &Registry::default(), imputer)
+    Ears::new(&setup, &Registry::default(), imputer, relay)
 }
 
 /// Bodies move on as they are observed to, whatever agents do: so a step moves what has a rate.

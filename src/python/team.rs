@@ -13,7 +13,7 @@ use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::cli::policy_source;
 use crate::environment::{Spec, Task};
-use crate::nn::{Inference, NetworkState, Policy, PolicyFile, Scratch};
+use crate::nn::{self, ActorState, Policy, PolicyFile, Scratch};
 use crate::usage;
 
 /// The actors of a policy of one of our tasks, with their state in each world.
@@ -31,8 +31,8 @@ struct Actors {
 }
 
 struct Actor {
-    network: Inference,
-    state: NetworkState,
+    network: nn::Actor,
+    state: ActorState,
     /// Steps of the episode that it has decided.
     step: u64,
     /// `[worlds, joint]` and `[worlds, n_actions]`.
@@ -51,7 +51,7 @@ impl Team {
             let network = policy.actor(agent).clone();
             Actor { state: network.state(1), network, step: 0, estimates: Vec::new(), logits: Vec::new() }
         };
-        let spec = task.spec().clone();
+        let (spec, greedy) = (task.spec().clone(), greedy || policy.is_greedy());
         let actors = (0..spec.n_agents()).map(actor).collect();
         let scratch = Scratch::default();
         let actors = Actors { spec, actors, scratch, greedy, seed: 0, episode: 0, worlds: 0 };
@@ -93,7 +93,7 @@ impl Team {
             let known = actors.actors.get_mut(agent);
             let actor = known.ok_or_else(|| PyValueError::new_err(format!("there is no agent {agent}")))?;
             take(estimates, &mut actor.estimates)?;
-            Ok(py.detach(|| actors.act(agent)))
+            py.detach(|| actors.act(agent)).map_err(|error| raised(py, error))
         })
     }
 }
@@ -112,10 +112,10 @@ impl Team {
 }
 
 impl Actors {
-    fn act(&mut self, agent: usize) -> Vec<u32> {
+    fn act(&mut self, agent: usize) -> Result<Vec<u32>> {
         let Actors { spec, actors, scratch, greedy, seed, episode, worlds } = self;
         let Actor { network, state, step, estimates, logits } = &mut actors[agent];
-        network.step(*worlds, estimates, &[], state, scratch, logits);
+        network.step(*worlds, estimates, &[], state, scratch, logits)?;
         network.prepare(*worlds, state);
         let available = spec.available_actions(agent);
         let choose = |(logits, episode): (&[f32], u64)| {
@@ -129,7 +129,7 @@ impl Actors {
         };
         let actions = logits.chunks_exact(spec.n_actions()).zip(*episode..).map(choose).collect();
         *step += 1;
-        actions
+        Ok(actions)
     }
 }
 
@@ -142,5 +142,11 @@ fn load(name: &str, task: Option<&str>) -> Result<(Task, Policy)> {
         _ => return Err(usage!("{name}: for which task? Name it with task=")),
     };
     let policy = source.load(task.spec())?;
+    if task.spec().n_actions() == 0 {
+        return Err(usage!(
+            "{name}: agents of {} act by values; only policies that choose actions can be loaded",
+            task.id()
+        ));
+    }
     Ok((task, policy))
 }

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-use super::shape;
+use super::{is_false, shape};
 use crate::base::error::Result;
 use crate::environment::{ActionSpace, Environment, State, Target};
 use crate::link::LONGEST_DELAY;
@@ -146,10 +146,6 @@ impl Action {
         words.resize(width.max(words.len()), 0);
         words
     }
-}
-
-fn is_false(flag: &bool) -> bool {
-    !flag
 }
 
 impl Episode {

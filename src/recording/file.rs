@@ -1,77 +1,137 @@
-//! Writing a recording, in either format.
+//! Writing a recording, in any format.
 
 use std::io::Write;
 use std::path::Path;
 
-use super::compact::Layout;
+use super::compact;
+use super::layout::Layout;
+#[cfg(feature = "mcap")]
+use super::mcap::McapFile;
 use super::{Episode, RecordingHeader};
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
 use crate::environment::Task;
 
-/// Whether a recording of this name is JSON. All others are compact.
-pub(crate) fn is_json(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
+/// How a recording is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Format {
+    /// For other programs: everything, as text.
+    Json,
+    /// For other tools: the trace, and beside it what they show.
+    Mcap,
+    /// For long runs.
+    Compact,
 }
 
-/// Writes a recording, episode by episode. The file appears when it is finished.
+impl Format {
+    /// That of a recording of this name.
+    pub(crate) fn of(path: &Path) -> Format {
+        let ends_in = |ending| path.extension().is_some_and(|it| it.eq_ignore_ascii_case(ending));
+        match () {
+            () if ends_in("json") => Format::Json,
+            () if ends_in("mcap") => Format::Mcap,
+            () => Format::Compact,
+        }
+    }
+}
+
+/// Writes a recording, episode by episode. The file appears when it is finished, but for MCAP, which grows with each
+/// episode.
 #[derive(Debug)]
-pub(crate) struct RecordingFile {
-    file: AtomicFile,
-    episodes: u64,
-    /// That of a compact file, and an episode in it; `None` for JSON.
-    compact: Option<(Layout, Vec<u8>)>,
+pub(crate) enum RecordingFile {
+    Json {
+        file: AtomicFile,
+        episodes: u64,
+    },
+    #[cfg(feature = "mcap")]
+    Mcap(Box<McapFile>),
+    Compact {
+        file: AtomicFile,
+        layout: Layout,
+        episodes: u64,
+        /// Those of an episode.
+        bytes: Vec<u8>,
+    },
 }
 
 impl RecordingFile {
     /// Starts a recording at `path`, in the format that its name tells.
     ///
     /// # Errors
-    /// `Usage` if it would be compact, and is of a task that the program does not know: nobody could read it.
+    /// `Usage` if it would not be JSON, and is of a task that the program does not know: nobody could read it.
     pub fn create(path: &Path, header: &RecordingHeader) -> Result<RecordingFile> {
-        let task = (!is_json(path)).then(|| Task::parse(&header.task)).transpose()?;
-        let compact = task.map(|task| (Layout::of(&task), Vec::new()));
-        let mut recorder = RecordingFile { file: AtomicFile::create(path)?, episodes: 0, compact };
-        let beginning = match &recorder.compact {
-            Some((layout, _)) => layout.begin(header),
-            None => {
+        Ok(match Format::of(path) {
+            Format::Json => {
                 let header = serde_json::to_string(header).expect("a header is plain data");
                 let open = header.strip_suffix('}').expect("a struct is a JSON object");
-                format!("{open},\"episodes\":[").into_bytes()
+                let mut file = AtomicFile::create(path)?;
+                write(&mut file, format!("{open},\"episodes\":[").as_bytes())?;
+                RecordingFile::Json { file, episodes: 0 }
             }
-        };
-        recorder.write(&beginning)?;
-        Ok(recorder)
+            #[cfg(feature = "mcap")]
+            Format::Mcap => RecordingFile::Mcap(Box::new(McapFile::create(path, header)?)),
+            #[cfg(not(feature = "mcap"))]
+            Format::Mcap => {
+                return Err(crate::usage!(
+                    "{}: this program was built without the feature `mcap`; choose a name that ends in .json or .trace",
+                    path.display()
+                ));
+            }
+            Format::Compact => {
+                let layout = Layout::of(&Task::parse(&header.task)?);
+                let mut file = AtomicFile::create(path)?;
+                write(&mut file, &compact::begin(&layout, header))?;
+                RecordingFile::Compact { file, layout, episodes: 0, bytes: Vec::new() }
+            }
+        })
     }
 
-    /// Whether it holds what agents observed and thought.
-    pub fn is_json(&self) -> bool {
-        self.compact.is_none()
+    /// The format it is written in.
+    pub fn format(&self) -> Format {
+        match self {
+            RecordingFile::Json { .. } => Format::Json,
+            #[cfg(feature = "mcap")]
+            RecordingFile::Mcap(_) => Format::Mcap,
+            RecordingFile::Compact { .. } => Format::Compact,
+        }
     }
 
     /// Appends an episode.
     pub fn push(&mut self, episode: &Episode) -> Result<()> {
-        let RecordingFile { file, episodes, compact } = self;
-        let written = match compact {
-            Some((layout, bytes)) => {
-                layout.encode(episode, bytes);
-                file.write_all(bytes)
+        match self {
+            RecordingFile::Json { file, episodes } => {
+                let written = writeln!(file, "{}", if *episodes == 0 { "" } else { "," })
+                    .and_then(|()| serde_json::to_writer(&mut *file, episode).map_err(std::io::Error::from));
+                *episodes += 1;
+                written.map_err(|e| Error::io("write", file.path(), e))
             }
-            None => writeln!(file, "{}", if *episodes == 0 { "" } else { "," })
-                .and_then(|()| serde_json::to_writer(&mut *file, episode).map_err(std::io::Error::from)),
-        };
-        *episodes += 1;
-        written.map_err(|e| Error::io("write", self.file.path(), e))
+            #[cfg(feature = "mcap")]
+            RecordingFile::Mcap(file) => file.push(episode),
+            RecordingFile::Compact { file, layout, episodes, bytes } => {
+                layout.encode(episode, bytes);
+                *episodes += 1;
+                write(file, bytes)
+            }
+        }
     }
 
-    /// Puts the recording in its place.
-    pub fn finish(mut self) -> Result<()> {
-        let end = if self.is_json() { b"\n]}\n".to_vec() } else { Layout::end(self.episodes) };
-        self.write(&end)?;
-        self.file.commit()
+    /// Ends the recording, and puts it in its place.
+    pub fn finish(self) -> Result<()> {
+        match self {
+            RecordingFile::Json { mut file, .. } => {
+                write(&mut file, b"\n]}\n")?;
+                file.commit()
+            }
+            #[cfg(feature = "mcap")]
+            RecordingFile::Mcap(file) => file.finish(),
+            RecordingFile::Compact { mut file, episodes, .. } => {
+                write(&mut file, &compact::end(episodes))?;
+                file.commit()
+            }
+        }
     }
+}
 
-    fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        self.file.write_all(bytes).map_err(|e| Error::io("write", self.file.path(), e))
-    }
+fn write(file: &mut AtomicFile, bytes: &[u8]) -> Result<()> {
+    file.write_all(bytes).map_err(|e| Error::io("write", file.path(), e))
 }

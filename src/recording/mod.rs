@@ -1,4 +1,4 @@
-//! Recorded episodes, as JSON and in a compact format.
+//! Recorded episodes: as JSON, in a compact format, and as MCAP.
 //!
 //! A *recording* holds what a world did. A *trace* also holds what the agents saw and thought: who
 //! received whom, joint estimates and logits. `docs/formats.md` describes every field.
@@ -6,25 +6,29 @@
 mod compact;
 mod episode;
 mod file;
+mod layout;
+#[cfg(feature = "mcap")]
+mod mcap;
 mod reader;
 #[cfg(feature = "cli")]
 mod rerun;
+mod step;
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-pub(crate) use compact::MAGIC;
 pub use episode::{Action, Episode, Presence};
-pub(crate) use file::{RecordingFile, is_json};
-pub(crate) use reader::Reader;
+pub(crate) use file::{Format, RecordingFile};
+pub(crate) use reader::{Reader, has_magic};
 #[cfg(feature = "cli")]
 pub(crate) use rerun::Rerun;
+pub(crate) use step::{Arrived, Step, Steps};
 
 use crate::base::error::Result;
 use crate::environment::PhysicsSpec;
 
-/// The version of both formats, which a reader of this version knows.
+/// The version of all formats, which a reader of this version knows.
 pub const FORMAT_VERSION: u32 = 1;
 
 /// The most bytes a recording, or another file of JSON, may have.
@@ -84,6 +88,12 @@ pub struct RecordingHeader {
     /// The most ticks by which links postpone what is sent, if they do (traces of this program).
     #[serde(default, skip_serializing_if = "is_zero")]
     pub longest_delay: u8,
+    /// Whether messages also carried the newest that their senders held of others (traces of this program).
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub relay: bool,
+    /// Fingerprints of the logs that `links` names, in their order (traces of this program).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub logs: Vec<String>,
     /// Version of the program that wrote it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
@@ -93,7 +103,7 @@ pub struct RecordingHeader {
 }
 
 /// The versions that a file says it has, whatever else it says.
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 struct Versions {
     format_version: Option<u32>,
     version: Option<String>,
@@ -115,8 +125,8 @@ impl Versions {
 }
 
 impl Recording {
-    /// Reads a whole recording or trace, of either format. Of what is compact it tells what agents observed, but not what
-    /// they thought.
+    /// Reads a whole recording or trace, of any format. Of what is no JSON it tells what agents observed, but not what they
+    /// thought. Of an MCAP that was never finished it has the episodes that are whole.
     pub fn read(path: &Path) -> Result<Recording> {
         let reader = Reader::open(path)?;
         let header = reader.header.clone();
@@ -194,6 +204,10 @@ fn shape<T>(rows: &[Vec<T>]) -> Option<(usize, usize)> {
 /// The same of what may be left out, which has no rows then but would have so many columns.
 fn shape_or_none<T>(rows: &[Vec<T>], columns: usize) -> Option<(usize, usize)> {
     if rows.is_empty() { Some((0, columns)) } else { shape(rows) }
+}
+
+fn is_false(flag: &bool) -> bool {
+    !flag
 }
 
 fn is_zero(number: &u8) -> bool {

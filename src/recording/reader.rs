@@ -1,9 +1,11 @@
-//! Recordings of either format, read episode by episode.
+//! Recordings of any format, read episode by episode.
 
 use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
-use super::compact::{CompactEpisodes, MAGIC};
+use super::compact::{self, CompactEpisodes};
+#[cfg(feature = "mcap")]
+use super::mcap::McapEpisodes;
 use super::{Episode, LARGEST, Recording, RecordingHeader, Versions};
 use crate::base::error::{Error, Result};
 use crate::base::regular;
@@ -22,7 +24,17 @@ enum Episodes {
         is_trace: bool,
     },
     Compact(CompactEpisodes),
+    #[cfg(feature = "mcap")]
+    Mcap(Box<McapEpisodes>),
 }
+
+/// Whether a file with these first bytes is a recording that is no JSON.
+pub(crate) fn has_magic(beginning: &[u8]) -> bool {
+    beginning.starts_with(compact::MAGIC) || beginning.starts_with(MCAP)
+}
+
+/// What an MCAP begins with.
+const MCAP: &[u8; 8] = b"\x89MCAP0\r\n";
 
 impl Reader {
     /// Opens the recording or trace at `path`.
@@ -31,12 +43,20 @@ impl Reader {
         regular::check(&file, path)?;
         let unreadable = |e| Error::io("read", path, e);
         let mut beginning = Vec::new();
-        (&mut file).take(MAGIC.len() as u64).read_to_end(&mut beginning).map_err(unreadable)?;
+        (&mut file).take(8).read_to_end(&mut beginning).map_err(unreadable)?;
         file.rewind().map_err(unreadable)?;
         let path = path.to_owned();
-        if beginning == MAGIC {
+        if beginning == compact::MAGIC {
             let (header, episodes) = CompactEpisodes::open(file, &path)?;
             return Ok(Reader { header, path, episodes: Episodes::Compact(episodes) });
+        }
+        if beginning == MCAP {
+            #[cfg(feature = "mcap")]
+            let (header, episodes) = McapEpisodes::open(file, &path)?;
+            #[cfg(feature = "mcap")]
+            return Ok(Reader { header, path, episodes: Episodes::Mcap(Box::new(episodes)) });
+            #[cfg(not(feature = "mcap"))]
+            return Err(Error::io("read", &path, "this program was built without the feature `mcap`"));
         }
         let Recording { mut header, episodes } = read_json(&path)?;
         // Older files do not say.
@@ -50,13 +70,24 @@ impl Reader {
     pub(crate) fn is_trace(&self) -> bool {
         match &self.episodes {
             Episodes::Whole { is_trace, .. } => *is_trace,
-            Episodes::Compact(_) => true,
+            _ => true,
         }
     }
 
     /// Whether what agents observed and thought has to be computed again. What they observed, reading does.
     pub(crate) fn is_compact(&self) -> bool {
-        matches!(self.episodes, Episodes::Compact(_))
+        !matches!(self.episodes, Episodes::Whole { .. })
+    }
+
+    /// What to say of a file whose episodes are all read, and which was never finished.
+    pub(crate) fn unfinished(&self) -> Option<&'static str> {
+        match &self.episodes {
+            #[cfg(feature = "mcap")]
+            Episodes::Mcap(episodes) if episodes.is_cut() => Some(
+                "it has no end: whoever records it was killed, or still does; the episodes that are whole are read",
+            ),
+            _ => None,
+        }
     }
 }
 
@@ -67,6 +98,10 @@ impl Iterator for Reader {
         match &mut self.episodes {
             Episodes::Whole { episodes, .. } => episodes.next().map(Ok),
             Episodes::Compact(episodes) => {
+                episodes.next().map(|episode| episode.map_err(|what| Error::io("read", &self.path, what)))
+            }
+            #[cfg(feature = "mcap")]
+            Episodes::Mcap(episodes) => {
                 episodes.next().map(|episode| episode.map_err(|what| Error::io("read", &self.path, what)))
             }
         }

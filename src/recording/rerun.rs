@@ -30,6 +30,7 @@ impl Rerun {
         let settings = AgentSettings {
             imputer: Registry::default().choose(header.imputer.as_deref(), &policy)?,
             longest_delay: header.longest_delay,
+            relay: header.relay,
             seed,
             greedy: header.greedy.unwrap_or_default(),
             ..AgentSettings::of(spec)
@@ -84,7 +85,9 @@ impl Rerun {
                 });
                 agent.fuse(0, &episode.obs[step][index], &inbox);
                 let mut draws = Draws::new(self.seed, Purpose::Action, number, step as u64);
-                agent.act(number, step as u32, &[draws.at(index, 0).uniform()]);
+                agent
+                    .act(number, step as u32, &[draws.at(index, 0).uniform()])
+                    .map_err(|error| error.to_string())?;
                 told(step, agent);
                 let done = episode.actions[step][index].words(1);
                 agent.correct(number, step as u32, &done).map_err(|e| e.to_string())?;

@@ -83,11 +83,19 @@ impl Processes {
             let Some(agent) = self.take(&sample, due)? else { continue };
             self.answered |= 1 << agent;
             decisions.times[agent].published_ns = sample.header().sent_ns;
-            let own = &tick.observations[agent * words..][..words];
-            if sample.words() != bytemuck::cast_slice::<f32, u32>(own) {
+            let fault = match &self.chronicle {
+                Some(chronicle) => {
+                    chronicle.fault_of(&self.layout.told(sample.words(), tick.worlds, agent), agent, tick)
+                }
+                None => {
+                    let own = &tick.observations[agent * words..][..words];
+                    let is_own = sample.words() == bytemuck::cast_slice::<f32, u32>(own);
+                    (!is_own).then(|| "something other than its sensor gave it".to_owned())
+                }
+            };
+            if let Some(fault) = fault {
                 return Err(failed!(
-                    "agent-{agent} published something other than its sensor gave it, at tick {}; nothing played from \
-                     there on can be trusted",
+                    "agent-{agent} published {fault}, at tick {}; nothing played from there on can be trusted",
                     tick.tick
                 ));
             }

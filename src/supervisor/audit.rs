@@ -15,6 +15,9 @@ pub struct Audit {
     pub own: u64,
     /// Received from a peer.
     pub received: u64,
+    /// Of those that are delayed, what was passed on by others than the peer itself. There are none where nobody relays.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub relayed: u64,
     /// Imagined by the imputer with something in hand that a peer had sent at an earlier tick.
     pub delayed: u64,
     /// Imagined by the imputer alone.
@@ -24,7 +27,8 @@ pub struct Audit {
     pub late: u64,
     /// Own, received or common parts that are not, bit by bit, what the sensor said.
     pub altered: u64,
-    /// Parts that the agent had although the links did not deliver them at this tick, or that had another age.
+    /// Parts that the agent had although the links did not deliver them at this tick, or that had another age. Where agents
+    /// relay: that were newer than anything the links had let through by then, over however many hops.
     pub leaked: u64,
 }
 
@@ -46,6 +50,7 @@ impl Audit {
         for agent in decisions.present(agents) {
             let row = agent * tick.worlds + world;
             let (arriving, used) = (tick.arriving(agent, world), decisions.used(tick, agent, world));
+            let messages = tick.messages(agent, world);
             let estimate = &decisions.estimates[row * joint..(row + 1) * joint];
             for sender in 0..agents {
                 let (arriving, used) = (arriving[sender], used[sender]);
@@ -57,7 +62,11 @@ impl Audit {
                     NOT_ARRIVED => self.imputed += 1,
                     _ => self.delayed += 1,
                 }
-                self.leaked += u64::from(used != NOT_ARRIVED && used != arriving);
+                self.relayed += u64::from(used != NOT_ARRIVED && used != messages[sender]);
+                // Against the clock one path may have been late, and another not.
+                let is_possible =
+                    if tick.relays() { used >= tick.held(agent, world)[sender] } else { used == arriving };
+                self.leaked += u64::from(used != NOT_ARRIVED && !is_possible);
                 let there = decisions.absent >> sender & 1 == 0;
                 self.late += u64::from(there && used == NOT_ARRIVED && arriving != NOT_ARRIVED);
                 self.altered += u64::from((sender == agent || used == 0) && !same);
@@ -75,11 +84,12 @@ impl Audit {
 
 impl fmt::Display for Audit {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Audit { own, received, delayed, imputed, late, altered, leaked } = self;
+        let Audit { own, received, relayed, delayed, imputed, late, altered, leaked } = self;
         let total = (own + received + delayed + imputed).max(1) as f64 / 100.0;
+        let of_these = if *relayed > 0 { format!(", {relayed} of them relayed") } else { String::new() };
         write!(
             f,
-            "{own} own ({:.1} %), {received} received ({:.1} %), {delayed} delayed ({:.1} %), {imputed} imputed \
+            "{own} own ({:.1} %), {received} received ({:.1} %), {delayed} delayed ({:.1} %{of_these}), {imputed} imputed \
              ({:.1} %); {late} late, {altered} altered, {leaked} leaked",
             *own as f64 / total,
             *received as f64 / total,
@@ -87,6 +97,10 @@ impl fmt::Display for Audit {
             *imputed as f64 / total
         )
     }
+}
+
+fn is_zero(number: &u64) -> bool {
+    *number == 0
 }
 
 fn is_same(a: &[f32], b: &[f32]) -> bool {

@@ -20,8 +20,8 @@ use crate::bus::{
     SwarmAddress, SwarmDirectory, Wait, wait_until,
 };
 use crate::environment::Spec;
-use crate::failed;
 use crate::nn::Policy;
+use crate::{failed, usage};
 
 /// How far logits may be apart, in shares of the largest: networks in f32 that add in another order.
 const LOGITS: f32 = 1e-5;
@@ -98,6 +98,9 @@ impl Examination {
         deadlines: Deadlines,
     ) -> Result<Examination> {
         let (spec, layout) = (settings.spec.clone(), settings.layout());
+        if settings.relay {
+            return Err(usage!("an agent is checked where nobody relays"));
+        }
         let directory = SwarmDirectory::create()?;
         let reference = InProcess::new(settings, policy)?;
         let settings = share_weights(settings, policy, &directory, true)?;

@@ -133,6 +133,10 @@ impl<P: AgentPort> Team for InProcess<P> {
         self.longest_delay
     }
 
+    fn relays(&self) -> bool {
+        self.layout.relay
+    }
+
     fn renew(&mut self, weights: &[f32]) -> Result<()> {
         check_weights(self.policy_weights, weights)?;
         self.weights += 1;

@@ -84,21 +84,26 @@ fn count_deliveries(tick: &Tick, decisions: &Decisions, world: usize, episode: &
     }
     for agent in decisions.present(tick.agents) {
         let (arriving, used) = (tick.arriving(agent, world), decisions.used(tick, agent, world));
+        let messages = tick.messages(agent, world);
         for sender in (0..tick.agents).filter(|sender| *sender != agent) {
             // What it sent before it was lost may still arrive.
             let there = decisions.absent >> sender & 1 == 0;
             episode.sent += u64::from(there);
-            let (arriving, used) = (&arriving[sender], &used[sender]);
+            let (arriving, used, message) = (arriving[sender], used[sender], messages[sender]);
             // What was sent at t = 0 counts in none of these.
-            if *arriving == NOT_ARRIVED || u32::from(*arriving) >= tick.step {
+            let counts = |age: u8| age != NOT_ARRIVED && u32::from(age) < tick.step;
+            episode.relayed += u64::from(used != message && counts(used));
+            if !counts(message) {
                 continue;
             }
-            match *used {
-                NOT_ARRIVED => episode.late += u64::from(there),
-                age => {
-                    episode.delivered += 1;
-                    episode.delayed += u64::from(age > 0);
-                }
+            if used == message {
+                episode.delivered += 1;
+                episode.delayed += u64::from(used > 0);
+            } else if arriving == message {
+                episode.late += u64::from(there);
+            } else {
+                // Somebody else was faster.
+                episode.outdated += 1;
             }
         }
     }

@@ -8,6 +8,7 @@ mod arrivals;
 mod audit;
 mod chaos;
 mod chaos_spec;
+mod chronicle;
 mod clock;
 mod command;
 mod control;
@@ -24,6 +25,7 @@ mod processes;
 mod punctuality;
 mod recorder;
 mod recovery;
+mod relays;
 mod roster;
 mod session;
 pub mod signals;
@@ -51,6 +53,7 @@ pub use observer::Observer;
 pub use processes::{Conduct, Processes};
 pub use punctuality::Punctuality;
 pub use recorder::Recorder;
+pub(crate) use relays::Relays;
 use roster::Loss;
 pub use roster::{Faults, OnFailure};
 pub use session::Session;
@@ -87,8 +90,15 @@ pub struct Tick<'a> {
     pub carried_out: &'a [u32],
     /// Padded observations, `[agents, worlds, observation]`.
     pub observations: &'a [f32],
-    /// How old what arrives at each agent from each sender is, or [`NOT_ARRIVED`], `[agents, worlds, agents]`.
+    /// How old what arrives at each agent from each sender is, or [`NOT_ARRIVED`], `[agents, worlds, agents]`. Where agents
+    /// relay it may have come through others.
     pub ages: &'a [u8],
+    /// The same of the messages that arrive: of what comes from the sender itself.
+    pub messages: &'a [u8],
+    /// Where agents relay, how old the newest is that each agent can hold of each other now, `[agents, worlds, agents]`.
+    pub held: &'a [u8],
+    /// The same of what they told at this tick, before anything arrived.
+    pub told: &'a [u8],
 }
 
 /// What a team answers.
@@ -144,6 +154,11 @@ pub trait Team {
         0
     }
 
+    /// Whether its agents relay: the same say so.
+    fn relays(&self) -> bool {
+        false
+    }
+
     /// Gives the agents new weights, in the order of [`Policy::copy_values`](crate::nn::Policy::copy_values).
     /// They are in force from the next tick that begins an episode.
     ///
@@ -172,6 +187,26 @@ impl Tick<'_> {
         &self.ages[(agent * self.worlds + world) * self.agents..][..self.agents]
     }
 
+    /// How old the messages that arrive at one agent in one world are, by sender.
+    pub fn messages(&self, agent: usize, world: usize) -> &[u8] {
+        &self.messages[(agent * self.worlds + world) * self.agents..][..self.agents]
+    }
+
+    /// Whether agents relay.
+    pub fn relays(&self) -> bool {
+        !self.held.is_empty()
+    }
+
+    /// Where agents relay, how old the newest is that one agent in one world can hold of each other now.
+    fn held(&self, agent: usize, world: usize) -> &[u8] {
+        &self.held[(agent * self.worlds + world) * self.agents..][..self.agents]
+    }
+
+    /// The same of what it told at this tick.
+    fn told(&self, agent: usize, world: usize) -> &[u8] {
+        &self.told[(agent * self.worlds + world) * self.agents..][..self.agents]
+    }
+
     /// The padded observation of one agent in one world.
     pub fn observation(&self, spec: &Spec, agent: usize, world: usize) -> &[f32] {
         let length = spec.padded_obs_dim();
@@ -196,7 +231,7 @@ impl Tick<'_> {
     fn write(&self, agent: usize, layout: &Layout, draws: &ActionDraws, words: &mut [u32]) {
         let mine = agent * self.worlds..(agent + 1) * self.worlds;
         let observations = &self.observations[mine.start * layout.observation..mine.end * layout.observation];
-        let ages = &self.ages[mine.start * layout.agents..mine.end * layout.agents];
+        let ages = &self.messages[mine.start * layout.agents..mine.end * layout.agents];
         let carried_out = &self.carried_out[mine.start * layout.action..mine.end * layout.action];
         let draws = &draws.all()[mine];
         layout.write_sensor(words, &Sensor { carried_out, ages, draws, observations });
@@ -266,8 +301,12 @@ impl Decisions {
         let place = |at: usize| (at % tick.agents, at / (tick.agents * tick.worlds));
         let absent =
             |(sender, agent): (usize, usize)| (self.absent >> sender | self.absent >> agent) & 1 == 1;
+        // What somebody was to pass on who was lost in this tick may have come otherwise, or not at all.
+        let somebody_was_lost = tick.relays() && self.absent & !tick.absent != 0;
+        let is_sure = |at: &usize| !somebody_was_lost || tick.ages[*at] == tick.messages[*at];
         // Nothing gets in that did not arrive, so what differs is missing.
-        let mut late = (0..self.ages.len()).filter(|at| tick.ages[*at] != self.ages[*at]).map(place);
+        let differs = |at: &usize| tick.ages[*at] != self.ages[*at] && is_sure(at);
+        let mut late = (0..self.ages.len()).filter(differs).map(place);
         match late.find(|place| !absent(*place)) {
             None => Ok(()),
             Some((late, agent)) => {

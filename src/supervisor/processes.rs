@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use rustix::process::Signal;
 
+use super::chronicle::Chronicle;
 use super::clock::{Clock, Period};
 use super::command::AgentCommand;
 use super::deadlines::Deadlines;
@@ -39,6 +40,8 @@ pub struct Processes {
     draws: ActionDraws,
     pub(super) speakers: Speakers,
     longest_delay: u8,
+    /// Against which is held what agents pass on; `None` if they do not relay.
+    pub(super) chronicle: Option<Chronicle>,
     /// The number of weights of the policy.
     policy_weights: usize,
     pub(super) conduct: Conduct,
@@ -128,6 +131,9 @@ impl Processes {
             draws: ActionDraws::of(&settings),
             speakers: Speakers::new(team),
             longest_delay: settings.longest_delay,
+            chronicle: layout
+                .relay
+                .then(|| Chronicle::new(team * settings.worlds * layout.observation, settings.longest_age())),
             policy_weights: policy.n_values(),
             // Until all are ready, nobody may be lost.
             roster: Roster::new(team, OnFailure::Abort),
@@ -339,6 +345,7 @@ impl Team for Processes {
         decisions.resize(self.agents.len(), tick.worlds, &self.layout);
         self.tick = tick.tick;
         self.draws.draw(tick);
+        self.chronicle.iter_mut().for_each(|chronicle| chronicle.note(tick));
         match self.clock.as_mut().map(Clock::begin_period) {
             None => self.tick_in_lockstep(tick, decisions),
             Some(period) => self.tick_in_real_time(tick, decisions, period),
@@ -347,6 +354,10 @@ impl Team for Processes {
 
     fn longest_delay(&self) -> u8 {
         self.longest_delay
+    }
+
+    fn relays(&self) -> bool {
+        self.layout.relay
     }
 
     fn renew(&mut self, weights: &[f32]) -> Result<()> {

@@ -1,4 +1,4 @@
-//! The recorder: a trace of everything that is played.
+//! The recorder: a trace of everything that is played, in a file or in memory.
 
 use std::path::Path;
 use std::time::Duration;
@@ -8,25 +8,58 @@ use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::{End, Spec};
 use crate::failed;
-use crate::recording::{Episode, Presence, RecordingFile, RecordingHeader};
+use crate::recording::{Episode, Format, Presence, RecordingFile, RecordingHeader};
 
 /// Writes down what the agents saw and thought, and what the worlds did.
 #[derive(Debug)]
 pub struct Recorder {
-    file: RecordingFile,
+    keeps: Keeps,
     /// The episodes being played, one per world.
     playing: Vec<Episode>,
+}
+
+/// Where episodes go.
+#[derive(Debug)]
+enum Keeps {
+    File(Box<RecordingFile>),
+    Episodes(Vec<Episode>),
+}
+
+impl Keeps {
+    fn format(&self) -> Option<Format> {
+        match self {
+            Keeps::File(file) => Some(file.format()),
+            Keeps::Episodes(_) => None,
+        }
+    }
 }
 
 impl Recorder {
     /// Starts a trace at `path`.
     pub fn create(path: &Path, header: &RecordingHeader) -> Result<Recorder> {
-        Ok(Recorder { file: RecordingFile::create(path, header)?, playing: Vec::new() })
+        let file = Box::new(RecordingFile::create(path, header)?);
+        Ok(Recorder { keeps: Keeps::File(file), playing: Vec::new() })
     }
 
-    /// Puts the trace in its place. Without this there is none.
+    /// Keeps the episodes, with all but the logits if nobody asks the team for them.
+    pub fn in_memory() -> Recorder {
+        Recorder { keeps: Keeps::Episodes(Vec::new()), playing: Vec::new() }
+    }
+
+    /// The episodes that are in memory and not in a file.
+    pub fn into_episodes(self) -> Vec<Episode> {
+        match self.keeps {
+            Keeps::Episodes(episodes) => episodes,
+            Keeps::File(_) => Vec::new(),
+        }
+    }
+
+    /// Ends the trace, and puts it in its place. Without this there is none, or of an MCAP what was played so far.
     pub fn finish(self) -> Result<()> {
-        self.file.finish()
+        match self.keeps {
+            Keeps::File(file) => file.finish(),
+            Keeps::Episodes(_) => Ok(()),
+        }
     }
 }
 
@@ -41,7 +74,8 @@ impl Observer for Recorder {
     }
 
     fn ticked(&mut self, stage: &Stage, decisions: &Decisions, _exchange: Duration) -> Result<()> {
-        if self.file.is_json() && decisions.logits.is_empty() && stage.spec().n_actions() > 0 {
+        let format = self.keeps.format();
+        if format == Some(Format::Json) && decisions.logits.is_empty() && stage.spec().n_actions() > 0 {
             return Err(failed!("a recording needs the logits; the team's settings must have `tell_logits`"));
         }
         let team = stage.spec().n_agents();
@@ -54,12 +88,12 @@ impl Observer for Recorder {
             let presence: Vec<Presence> = (0..team).map(presence).collect();
             episode.push_presence(tick.step as usize, presence);
             record_tick(stage.spec(), &tick, decisions, world, episode);
-            if self.file.is_json() {
+            if format != Some(Format::Compact) {
                 record_thoughts(stage.spec(), &tick, decisions, world, episode);
             }
             let late = late(&tick, decisions, world);
             episode.push_late(tick.step as usize, late);
-            if stage.longest_delay() > 0 {
+            if stage.longest_delay() > 0 || stage.relays() {
                 let age = |age: &u8| Some(*age).filter(|age| *age != NOT_ARRIVED);
                 let ages = |agent| received(&tick, decisions, agent, world).map(|it| age(&it)).collect();
                 episode.ages.push((0..tick.agents).map(ages).collect());
@@ -81,7 +115,13 @@ impl Observer for Recorder {
     }
 
     fn end_episodes(&mut self, _stage: &Stage) -> Result<()> {
-        self.playing.drain(..).try_for_each(|episode| self.file.push(&episode))
+        match &mut self.keeps {
+            Keeps::File(file) => self.playing.drain(..).try_for_each(|episode| file.push(&episode)),
+            Keeps::Episodes(episodes) => {
+                episodes.append(&mut self.playing);
+                Ok(())
+            }
+        }
     }
 }
 
@@ -139,6 +179,10 @@ fn record_thoughts(spec: &Spec, tick: &Tick, decisions: &Decisions, world: usize
     episode.obs.push(agents().map(|agent| tick.observation(spec, agent, world).to_vec()).collect());
     let estimate = |agent| decisions.estimates[row(agent) * joint..][..joint].to_vec();
     episode.joint_estimate.push(of_those(&estimate));
-    let logits = |agent| decisions.logits[row(agent) * n_actions..][..spec.available_actions(agent)].to_vec();
-    episode.logits.push(of_those(&logits));
+    // Nobody is asked for them but for JSON.
+    if !decisions.logits.is_empty() {
+        let logits =
+            |agent| decisions.logits[row(agent) * n_actions..][..spec.available_actions(agent)].to_vec();
+        episode.logits.push(of_those(&logits));
+    }
 }

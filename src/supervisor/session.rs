@@ -67,6 +67,12 @@ impl Session {
         self.control.as_ref().map(Control::steered)
     }
 
+    /// Has messages also carry the newest that their senders hold of others, if so.
+    pub fn relaying(mut self, relay: bool) -> Session {
+        self.stage = self.stage.relaying(relay);
+        self
+    }
+
     /// Begins with this episode instead of number 0.
     pub fn starting_at(mut self, episode: u64) -> Session {
         self.stage = self.stage.starting_at(episode);
@@ -96,6 +102,13 @@ impl Session {
             return Err(usage!(
                 "these links postpone by up to {links} ticks, but this team keeps observations for {kept}; start it with \
                  settings whose `longest_delay` is {links}"
+            ));
+        }
+        if self.stage.relays() != team.relays() {
+            return Err(usage!(
+                "one of this session and its team relays, and the other does not; start the team with settings whose `relay` \
+                 is {}",
+                self.stage.relays()
             ));
         }
         let is_ended = |session: &Session| session.steered().is_some_and(|steered| steered.ended);
@@ -138,7 +151,7 @@ impl Session {
             let exchange = Instant::now();
             team.tick(&stage.tick(), decisions)?;
             let exchange = exchange.elapsed();
-            stage.lose(decisions.absent & !stage.tick().absent);
+            stage.lose(decisions);
             observers.iter_mut().try_for_each(|observer| observer.ticked(stage, decisions, exchange))?;
             stage.step_worlds(decisions)?;
             observers.iter_mut().try_for_each(|observer| observer.stepped(stage, decisions))?;

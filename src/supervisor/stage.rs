@@ -4,9 +4,10 @@ use std::fmt;
 
 use super::arrivals::Arrivals;
 use super::roster::members_of;
-use super::{Decisions, Tick};
+use super::{Decisions, Relays, Tick};
 use crate::agent::is_observable;
 use crate::base::error::Result;
+use crate::bus::Layout;
 use crate::environment::{End, Environment, Outcome, Spec};
 use crate::failed;
 use crate::link::{Address, Context, Fates, Links};
@@ -21,6 +22,8 @@ pub struct Stage {
     fates: Fates,
     /// What is under way in each world.
     arrivals: Vec<Arrivals>,
+    /// What agents hold in each world; nothing if they do not relay.
+    relays: Vec<Relays>,
     seed: u64,
     /// Episode of world 0; world w plays episode + w.
     episode: u64,
@@ -36,6 +39,10 @@ pub struct Stage {
     observations: Vec<f32>,
     /// How old what arrives is, `[agents, active, agents]`.
     ages: Vec<u8>,
+    /// Where agents relay, how old the messages are that bring it, what each agent can hold, and what each told.
+    messages: Vec<u8>,
+    held: Vec<u8>,
+    told: Vec<u8>,
     /// Worlds whose episodes are under way, `[active]`. Fewer than all worlds are active in the last batch.
     playing: Vec<bool>,
     /// Worlds that took the last step, `[active]`.
@@ -54,6 +61,7 @@ impl Stage {
                 Arrivals::new(environment.spec().n_agents(), links.longest_delay());
                 environment.worlds()
             ],
+            relays: Vec::new(),
             environment,
             links,
             seed,
@@ -65,6 +73,9 @@ impl Stage {
             carried_out: Vec::new(),
             observations: Vec::new(),
             ages: Vec::new(),
+            messages: Vec::new(),
+            held: Vec::new(),
+            told: Vec::new(),
             playing: Vec::new(),
             stepped: Vec::new(),
             outcome: Outcome::default(),
@@ -75,6 +86,18 @@ impl Stage {
     pub fn starting_at(mut self, episode: u64) -> Stage {
         self.next_episode = episode;
         self
+    }
+
+    /// Has messages also carry the newest that their senders hold of others, if so.
+    pub fn relaying(mut self, relay: bool) -> Stage {
+        let relays = Relays::new(self.spec.n_agents(), self.longest_delay());
+        self.relays = vec![relays; if relay { self.environment.worlds() } else { 0 }];
+        self
+    }
+
+    /// Whether messages also carry the newest that their senders hold of others.
+    pub fn relays(&self) -> bool {
+        !self.relays.is_empty()
     }
 
     /// From here on draws have this seed, and the next episode this number.
@@ -182,10 +205,16 @@ impl Stage {
             self.links.begin(world, episode);
             self.arrivals[world].begin();
         }
+        self.relays.iter_mut().for_each(Relays::begin);
         let rows = self.spec.n_agents() * worlds;
         self.carried_out.clear();
         self.carried_out.resize(rows * self.spec.action_width(), 0);
         self.ages.resize(rows * self.spec.n_agents(), 0);
+        if self.relays() {
+            for ages in [&mut self.messages, &mut self.held, &mut self.told] {
+                ages.resize(rows * self.spec.n_agents(), 0);
+            }
+        }
         self.observations.resize(rows * self.spec.padded_obs_dim(), 0.0);
         self.outcome.rewards.resize(rows, 0.0);
         for (all, begun) in [(&mut self.playing, true), (&mut self.stepped, false)] {
@@ -225,7 +254,7 @@ impl Stage {
     pub fn draw_links(&mut self, absent: u64) -> Result<()> {
         self.absent = absent;
         let (agents, worlds) = (self.spec.n_agents(), self.worlds());
-        let bytes = self.spec.padded_obs_dim() * size_of::<f32>();
+        let bytes = Layout::radio_bytes(agents, self.spec.padded_obs_dim(), self.relays());
         for world in 0..worlds {
             let (episode, step) = (self.episode + world as u64, self.step.into());
             let address = Address { seed: self.seed, position: 0, episode, step };
@@ -239,16 +268,41 @@ impl Stage {
             self.arrivals[world].send(&self.fates, |agent, ages| {
                 all[(agent * worlds + world) * agents..][..agents].copy_from_slice(ages);
             })?;
+            self.relay(world);
         }
         self.tick += 1;
         Ok(())
     }
 
-    /// Takes note of agents that were lost while they decided, bit by bit: what they had not sent is not under way, and
-    /// what was under way to them is lost.
-    pub fn lose(&mut self, lost: u64) {
-        let worlds = self.worlds();
+    /// Works out what the messages that arrive in a world bring, where agents relay.
+    fn relay(&mut self, world: usize) {
+        let Some(relays) = self.relays.get_mut(world) else { return };
+        let (agents, worlds) = (self.spec.n_agents(), self.playing.len());
+        members_of(self.absent).for_each(|absent| relays.forget(absent));
+        relays.tell();
+        for agent in 0..agents {
+            let row = (agent * worlds + world) * agents..(agent * worlds + world + 1) * agents;
+            self.messages[row.clone()].copy_from_slice(&self.ages[row.clone()]);
+            relays.receive(agent, &self.messages[row.clone()], &mut self.ages[row.clone()]);
+            self.held[row.clone()].copy_from_slice(relays.held(agent));
+            self.told[row].copy_from_slice(relays.told(agent));
+        }
+    }
+
+    /// Takes note of agents that were lost while they decided: what they had not sent is not under way, and what was under
+    /// way to them is lost. Others may have come by less than they would have through them.
+    pub fn lose(&mut self, decisions: &Decisions) {
+        let (worlds, agents, lost) = (self.worlds(), self.spec.n_agents(), decisions.absent & !self.absent);
+        if lost == 0 {
+            return;
+        }
+        for (world, relays) in self.relays.iter_mut().enumerate().take(worlds) {
+            for agent in decisions.present(agents) {
+                relays.settle(agent, &decisions.ages[(agent * worlds + world) * agents..][..agents]);
+            }
+        }
         for agent in members_of(lost) {
+            self.relays.iter_mut().for_each(|relays| relays.forget(agent));
             for arrivals in &mut self.arrivals[..worlds] {
                 arrivals.forget_receiver(agent);
                 arrivals.forget_sent(agent);
@@ -268,6 +322,9 @@ impl Stage {
             carried_out: &self.carried_out,
             observations: &self.observations,
             ages: &self.ages,
+            messages: if self.relays() { &self.messages } else { &self.ages },
+            held: &self.held,
+            told: &self.told,
         }
     }
 

@@ -16,6 +16,9 @@ pub struct EpisodeStatistics {
     pub delayed: u64,
     /// Observations that arrived after a newer one from the same sender, at t >= 1, and so were not passed on.
     pub outdated: u64,
+    /// Observations that were new to their receiver and came through others than their sender, at t >= 1. There are none
+    /// where nobody relays.
+    pub relayed: u64,
     /// Observations sent, over i != j and t >= 1, by agents that were there to agents that decided in time.
     pub sent: u64,
     /// Observations that the links delivered but the agents did not have when they decided, over i != j and t >= 1.
@@ -59,6 +62,7 @@ impl Statistics {
         total.sent += episode.sent;
         total.delayed += episode.delayed;
         total.outdated += episode.outdated;
+        total.relayed += episode.relayed;
         total.late += episode.late;
         total.due += episode.due;
         total.missed += episode.missed;
@@ -118,6 +122,13 @@ impl Statistics {
     pub fn outdated_rate(&self) -> Option<f64> {
         let EpisodeStatistics { outdated, sent, .. } = self.total;
         (sent > 0).then(|| outdated as f64 / sent as f64)
+    }
+
+    /// Observations that were new to their receiver and came through others than their sender, as a share of all sent, over
+    /// i != j and t >= 1; `None` for a team of one.
+    pub fn relayed_rate(&self) -> Option<f64> {
+        let EpisodeStatistics { relayed, sent, .. } = self.total;
+        (sent > 0).then(|| relayed as f64 / sent as f64)
     }
 
     /// Share of observations that the links dropped, over i != j and t >= 1; `None` for a team of one. What was under

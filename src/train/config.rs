@@ -70,6 +70,10 @@ pub struct Config {
     /// Probability that an observation is delivered while the policy trains, or links, such as `"uniform"`: one level
     /// per episode. Below 1 the first of the predictors imputes.
     pub train_p: TrainP,
+    /// Whether messages also carry the newest that their senders hold of others, in training and in its tests; written
+    /// down if so.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub relay: bool,
     /// Predictors that learn beside the policy: `value-aware`, `maro`, `lambda0`, `maro-carry`.
     pub predictors: Vec<String>,
     /// Steps of each predictor per update.
@@ -180,7 +184,7 @@ impl Config {
             None => Algorithm::Mappo,
         };
         let preset = Config::preset(preset, task.spec(), algorithm);
-        let mut all = Table::try_from(&preset).expect("a configuration is a table");
+        let mut all = preset.to_table();
         for layer in layers {
             for (key, value) in &layer.table {
                 let Some(default) = all.get_mut(key) else { return Err(layer.unknown(key, &all)) };
@@ -294,6 +298,13 @@ impl Config {
         self.settings().predictors.iter().any(|predictor| predictor.objective == Objective::Maro)
     }
 
+    /// All settings, those as well that are not written down.
+    fn to_table(&self) -> Table {
+        let mut table = Table::try_from(self).expect("a configuration is a table");
+        table.insert("relay".to_owned(), self.relay.into());
+        table
+    }
+
     /// As text, which [`Layer::parse`] reads.
     pub(crate) fn to_toml(&self) -> String {
         toml::to_string(self).expect("a configuration can be written as TOML")
@@ -309,10 +320,14 @@ impl Config {
 
     /// The settings in which two configurations differ: key, value here, value there.
     pub(crate) fn differences(&self, other: &Config) -> Vec<(String, Value, Value)> {
-        let [here, there] = [self, other].map(|c| Table::try_from(c).expect("a configuration is a table"));
+        let [here, there] = [self, other].map(Config::to_table);
         let differing = here.into_iter().filter(|(key, value)| there[key] != *value);
         differing.map(|(key, value)| (key.clone(), value, there[&key].clone())).collect()
     }
+}
+
+fn is_false(flag: &bool) -> bool {
+    !flag
 }
 
 fn sharing(shared: bool) -> Sharing {

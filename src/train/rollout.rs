@@ -27,6 +27,11 @@ impl Rollout {
         Rollout { session, worlds, played: Vec::new() }
     }
 
+    /// Has messages also carry the newest that their senders hold of others, if so.
+    pub fn relaying(self, relay: bool) -> Rollout {
+        Rollout { session: self.session.relaying(relay), ..self }
+    }
+
     /// The number of the next episode: how many have been played, counted from episode 0.
     pub fn next_episode(&self) -> u64 {
         self.session.next_episode()

@@ -143,7 +143,8 @@ impl Settings {
     pub fn paper(actor: ActorKind) -> Settings {
         let (learning_rate, entropy_coefficient) = match actor {
             ActorKind::Mlp => (1e-4, 0.001),
-            ActorKind::Gru => (3e-4, 0.01),
+            // Nothing trains the actors of ONNX files.
+            ActorKind::Gru | ActorKind::Onnx => (3e-4, 0.01),
         };
         Settings {
             networks: Networks::paper(actor),

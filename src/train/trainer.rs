@@ -53,7 +53,8 @@ impl Trainer {
     fn assemble(config: Config, task: Task, state: State) -> Result<Trainer> {
         let (links, first) = (config.links(task.spec())?, state.progress.episodes);
         let longest_delay = links.longest_delay();
-        let rollout = Rollout::new(task.environment(config.update_every), links, config.seed, first);
+        let rollout = Rollout::new(task.environment(config.update_every), links, config.seed, first)
+            .relaying(config.relay);
         let mut weights = Vec::new();
         state.learner.policy_values(&mut weights);
         Ok(Trainer { config, task, state, rollout, longest_delay, weights })
@@ -85,6 +86,7 @@ impl Trainer {
             seed: self.config.seed,
             worlds: self.config.update_every,
             longest_delay: self.longest_delay,
+            relay: self.config.relay,
             tell_logits: false,
         }
     }

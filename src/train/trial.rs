@@ -81,12 +81,13 @@ fn play(
         seed: config.seed,
         worlds: config.test_episodes.min(WORLDS) as usize,
         longest_delay: 0,
+        relay: config.relay,
         tell_logits: false,
     };
     let first = FIRST_EPISODE + row as u64 * config.test_episodes;
     let links = Links::level(level);
     let environment = task.environment(settings.worlds);
-    let mut session = Session::new(environment, links, config.seed).starting_at(first);
+    let mut session = Session::new(environment, links, config.seed).relaying(config.relay).starting_at(first);
     let (mut team, mut ledger) = (InProcess::new(&settings, policy)?, Ledger::default());
     session.play(&mut team, first + config.test_episodes, &mut [&mut ledger])?;
     let statistics = ledger.into_statistics();

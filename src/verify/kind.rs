@@ -43,7 +43,7 @@ impl FileKind {
         let read = File::open(path).and_then(|mut file| read_up_to(&mut file, &mut beginning));
         let beginning = &beginning[..read.map_err(|e| Error::open(path, e))?];
         Ok(match beginning {
-            _ if beginning.starts_with(recording::MAGIC) => FileKind::Recording,
+            _ if recording::has_magic(beginning) => FileKind::Recording,
             [b'P', b'K', 3, 4, ..] => FileKind::StateDict,
             // The length of a safetensors header, then the header.
             [length @ .., b'{'] if is_header_length(length) => match PolicyFile::read(path) {
@@ -51,6 +51,8 @@ impl FileKind {
                 Err(_) => FileKind::Tensors,
             },
             _ if beginning.trim_ascii_start().first() == Some(&b'{') => FileKind::of_json(path)?,
+            // A description of ONNX files is a text.
+            _ if PolicyFile::read(path).is_ok() => FileKind::Policy,
             _ => FileKind::Unknown,
         })
     }
@@ -107,6 +109,7 @@ mod tests {
             (b"PK\x03\x04 and so on", FileKind::StateDict),
             (&tensors, FileKind::Tensors),
             (b"VSTRACE\n and so on", FileKind::Recording),
+            (b"\x89MCAP0\r\n and so on", FileKind::Recording),
             (b"hello", FileKind::Unknown),
             (b"", FileKind::Unknown),
         ] {

@@ -126,11 +126,14 @@ fn verify_file(
 
 /// Verifies a recording or a trace, episode by episode.
 fn verify_recording(file: &Path, policy: Option<&PolicySource>, report: &mut Report) -> Result<()> {
-    let recording = Reader::open(file)?;
+    let mut recording = Reader::open(file)?;
     let mut worlds = Worlds::of(file, &recording)?;
-    let mut masks = recording.is_trace().then(|| Masks::of(&recording)).transpose()?;
+    let mut masks = recording.is_trace().then(|| Masks::of(&recording)).transpose().unwrap_or_else(|error| {
+        report.failed.push((file.to_owned(), error));
+        None
+    });
     let mut agents = recording.is_trace().then(|| Agents::of(file, &recording, policy));
-    for (number, episode) in recording.enumerate() {
+    for (number, episode) in recording.by_ref().enumerate() {
         let episode = episode?;
         worlds.compare(file, number, &episode)?;
         masks.as_mut().map_or(Ok(()), |masks| masks.compare(number, &episode))?;
@@ -142,6 +145,9 @@ fn verify_recording(file: &Path, policy: Option<&PolicySource>, report: &mut Rep
         if let Err(error) = compared {
             agents = Some(Err(error));
         }
+    }
+    if let Some(what) = recording.unfinished() {
+        report.skipped.push((file.to_owned(), what.to_owned()));
     }
     report.comparisons.extend(worlds.compared(file));
     report.comparisons.extend(masks.and_then(|masks| masks.compared(file)));

@@ -5,11 +5,11 @@ use std::time::Duration;
 use glam::DVec2;
 
 use super::pictures::Film;
-use super::places::Places;
 use super::scene::{AgedGhost, Fate, Part, Scene, Totals};
 use crate::base::error::Result;
 use crate::bus::NOT_ARRIVED;
 use crate::environment::Spec;
+use crate::environment::places::Places;
 use crate::supervisor::{Decisions, Ledger, Observer, Stage, Statistics, Tick};
 
 /// Looks at the first world, and keeps the ledger of all of them.

@@ -47,7 +47,7 @@ mod tests {
     use glam::{DVec2, dvec2};
 
     use super::*;
-    use crate::view::places::Ghost;
+    use crate::environment::places::Ghost;
     use crate::view::scene::AgedGhost;
 
     #[test]

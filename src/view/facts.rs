@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::places::Places;
 use crate::environment::Spec;
+use crate::environment::places::Places;
 
 /// What stays as it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

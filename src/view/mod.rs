@@ -13,7 +13,6 @@
 //! ```
 
 pub(crate) mod film;
-pub(crate) mod places;
 
 #[cfg(feature = "view")]
 mod camera;

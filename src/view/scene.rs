@@ -3,7 +3,7 @@
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-use super::places::Ghost;
+use crate::environment::places::Ghost;
 
 /// One world of a swarm at the moment when its agents have decided, and what was counted until then.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

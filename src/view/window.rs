@@ -10,11 +10,11 @@ use postcard::ser_flavors::Size;
 use super::Facts;
 use super::camera::{RETURNS, TRAIL};
 use super::pictures::{Film, PICTURES, Pictures};
-use super::places::Ghost;
 use super::scene::{AgedGhost, Fate, Part, Scene, Totals};
 use super::sign::Sign;
 use crate::base::error::Result;
 use crate::bus::{Host, SwarmDirectory, guests_memory_needed};
+use crate::environment::places::Ghost;
 use crate::failed;
 
 /// A window that can be opened once. It closes when there is no camera any more; dropping it waits for that, so it goes after
@@ -45,8 +45,9 @@ const LOOK: Duration = Duration::from_millis(200);
 /// After how many of them it tidies up while somebody watches.
 const LOOKS: u32 = 20;
 
-/// How long a window may take to open, or to close.
-const LONGEST: Duration = Duration::from_secs(1);
+/// How long a window may take to open, or to close: far longer than it does, since a thread that comes to life after its swarm
+/// has been removed leaves something behind, for the next start to remove.
+const LONGEST: Duration = Duration::from_secs(10);
 
 impl Window {
     /// Starts the thread. One that is started later would be pinned and scheduled as the swarm is.

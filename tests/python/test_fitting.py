@@ -73,3 +73,9 @@ def test_another_environment_is_refused(fitted):
         LossyLinks(simple_reference_v3.parallel_env(), imputer=fitted)
     with pytest.raises(ValueError, match="there is no file nowhere"):
         FittedImputer("nowhere")
+
+
+def test_the_file_of_an_imputer_says_what_it_is(fitted):
+    command = [sys.executable, "-P", "-m", "vamaro_swarm", "inspect", str(fitted.path)]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=60).stdout
+    assert told.startswith("imputer for drift\n") and "actor       none" in told and "actors.0" not in told, told

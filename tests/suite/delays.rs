@@ -115,7 +115,7 @@ fn estimate_at_step_3(imputer: &str, ages: [Option<u8>; 4]) -> Vec<f32> {
             (sender == 1).then_some(Received { age, observation })
         });
         agent.fuse(0, &[0.5; 8], &inbox);
-        agent.act(0, step as u32, &[0.5]);
+        agent.act(0, step as u32, &[0.5]).unwrap();
         agent.predict();
     }
     agent.estimates().to_vec()
@@ -239,7 +239,7 @@ fn returns(imputer: &str, late: usize, as_if_new: bool) -> Vec<f64> {
                     Some(Received { age, observation: &sent[then][sender * each..][..each] })
                 });
                 agent.fuse(0, &sent[step][index * each..][..each], &inbox);
-                agent.act(episode, step as u32, &[0.5]);
+                agent.act(episode, step as u32, &[0.5]).unwrap();
                 actions.extend_from_slice(agent.actions());
             }
             world.step(&actions, &[true], &mut outcome).unwrap();

@@ -201,6 +201,7 @@ fn a_report_is_complete_and_an_interrupted_sweep_goes_on() {
         "errors.csv",
         "marl-eval.json",
         "modes.svg",
+        "replays",
         "report.html",
         "results.json",
         "robustness.svg",

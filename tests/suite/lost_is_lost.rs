@@ -63,7 +63,11 @@ impl AgentPort for Poisoned {
         Ok(Some(LocalSample::new(header, |words| {
             words.copy_from_slice(sample.words());
             let (tick, from, to) = (header.tick, header.sender as usize, self.agent);
-            for (world, words) in words.chunks_exact_mut(self.layout.observation).enumerate() {
+            let Layout { agents, observation, relay, .. } = self.layout;
+            let worlds = header.worlds as usize;
+            let each = if relay { agents * observation } else { observation };
+            let ages = self.layout.observation_words(worlds) - worlds * each;
+            for (world, words) in words[ages..].chunks_exact_mut(each).enumerate() {
                 let arrives = self.arrivals.get(&Sent { tick, world, from, to });
                 if arrives.is_none_or(|tick| *tick > self.end) {
                     words.fill(POISON.to_bits());
@@ -101,7 +105,7 @@ impl Decided {
 
 /// Everything a team decides until the end, a tick, and what arrived until then.
 fn play(team: &mut impl Team, task: &Task, links: Links, end: u64) -> (Vec<Decided>, Arrivals) {
-    let mut stage = Stage::new(task.environment(WORLDS), links, 5);
+    let mut stage = Stage::new(task.environment(WORLDS), links, 5).relaying(team.relays());
     let (mut decisions, mut all, mut arrivals) = (Decisions::default(), Vec::new(), Arrivals::new());
     while (all.len() as u64) < end {
         if !stage.is_playing() {
@@ -112,7 +116,7 @@ fn play(team: &mut impl Team, task: &Task, links: Links, end: u64) -> (Vec<Decid
         let tick = stage.tick();
         team.tick(&tick, &mut decisions).unwrap();
         for (to, world) in (0..tick.agents).flat_map(|to| (0..WORLDS).map(move |world| (to, world))) {
-            let ages = tick.arriving(to, world).iter().enumerate();
+            let ages = tick.messages(to, world).iter().enumerate();
             for (from, &age) in ages.filter(|(_, age)| **age != NOT_ARRIVED) {
                 arrivals.insert(Sent { tick: tick.tick - u64::from(age), world, from, to }, tick.tick);
             }
@@ -126,8 +130,9 @@ fn play(team: &mut impl Team, task: &Task, links: Links, end: u64) -> (Vec<Decid
 }
 
 /// Whether with these links what has not arrived at the end matters to nothing that is decided until then.
-fn check(task: &Task, policy: &Policy, imputer: &str, links: impl Fn() -> Links, ends: &[u64]) {
+fn check(task: &Task, policy: &Policy, imputer: &str, relay: bool, links: impl Fn() -> Links, ends: &[u64]) {
     let settings = AgentSettings {
+        relay,
         imputer: imputer.to_owned(),
         worlds: WORLDS,
         longest_delay: links().longest_delay(),
@@ -168,7 +173,7 @@ fn nothing_of_a_lost_observation_gets_through() {
         for p in [0.0, 0.3, 0.8] {
             for share_at_start in [true, false] {
                 let links = || Links::level(p).sharing_at_start(share_at_start);
-                check(&task, &policy, imputer, links, &[TICKS]);
+                check(&task, &policy, imputer, false, links, &[TICKS]);
             }
         }
     }
@@ -179,7 +184,18 @@ fn nothing_of_a_delayed_observation_gets_through_before_it_arrives() {
     for (task, policy, imputer) in cases() {
         for text in ["delay(2)", "level(0.7) + delay(1, 3)"] {
             let links = LinkSpec::parse(text, task.spec().n_agents()).unwrap();
-            check(&task, &policy, imputer, || links.build(), &(1..=TICKS).step_by(7).collect::<Vec<_>>());
+            let ends: Vec<u64> = (1..=TICKS).step_by(7).collect();
+            check(&task, &policy, imputer, false, || links.build(), &ends);
+        }
+    }
+}
+
+#[test]
+fn what_is_relayed_comes_from_messages_that_arrived_and_from_nothing_else() {
+    for (task, policy, imputer) in cases().filter(|(_, _, imputer)| ["hold", "dynamics"].contains(imputer)) {
+        for text in ["level(0.3)", "level(0.5) + delay(1, 3)"] {
+            let links = LinkSpec::parse(text, task.spec().n_agents()).unwrap();
+            check(&task, &policy, imputer, true, || links.build().sharing_at_start(false), &[8, 20, TICKS]);
         }
     }
 }

@@ -56,6 +56,19 @@ fn twelve_agents() {
 }
 
 #[test]
+fn what_is_relayed() {
+    for (links, imputer) in
+        [("--p 0.3 --no-comm-at-t0", "dynamics"), ("--links level(0.4)+delay(2,2)", "value-aware")]
+    {
+        let words = format!("--agents 4 --episodes 5 --relay {links} --imputer {imputer}");
+        compare(&words, &["--deadline 20s", "--worlds 4 --deadline 20s", "--worlds 3 --in-process"]);
+    }
+    // Who was away holds nothing, whether it was killed or stopped.
+    let words = "--agents 4 --episodes 8 --relay --p 0.3 --chaos kill=0.02:300ms,stop=0.03:300ms";
+    compare(words, &["--on-failure restart --deadline 20s"]);
+}
+
+#[test]
 fn another_seed_gives_another_run() {
     let words = "--task hear-see --episodes 3 --in-process";
     assert!(record(&format!("{words} --seed 1")) != record(&format!("{words} --seed 2")));

@@ -27,7 +27,14 @@ fn dims() -> Dims {
     let expected = expected();
     let size = |name: &str| expected[name].as_u64().unwrap() as usize;
     let (n_agents, joint, predicted) = (size("n_agents"), size("joint"), size("predicted"));
-    Dims { task: "toy".to_string(), n_agents, joint, predicted, n_actions: size("n_actions") }
+    Dims {
+        task: "toy".to_string(),
+        n_agents,
+        joint,
+        predicted,
+        n_actions: size("n_actions"),
+        agents: Vec::new(),
+    }
 }
 
 fn import(name: &str) -> Policy {
@@ -60,7 +67,7 @@ fn imported_networks_compute_what_they_did() {
                 let mut state = actor.state(1);
                 let mut logits = vec![0.0; dims.n_actions];
                 for (step, inputs) in inputs.iter().enumerate() {
-                    actor.step(1, inputs, &[], &mut state, &mut scratch, &mut logits);
+                    actor.step(1, inputs, &[], &mut state, &mut scratch, &mut logits).unwrap();
                     assert_close(&logits, &floats(&expected[name][agent][step]));
                 }
             }
@@ -149,14 +156,8 @@ fn the_documented_python_computes_the_same_logits() {
     let joint = dims().joint;
     let inputs: Vec<f32> = (0..joint).map(|at| -1.0 + 2.0 * at as f32 / (joint - 1) as f32).collect();
     let mut logits = vec![0.0; dims().n_actions];
-    policy.actor(1).step(
-        1,
-        &inputs,
-        &[],
-        &mut policy.actor(1).state(1),
-        &mut Scratch::default(),
-        &mut logits,
-    );
+    let actor = policy.actor(1);
+    actor.step(1, &inputs, &[], &mut actor.state(1), &mut Scratch::default(), &mut logits).unwrap();
     let last = printed.lines().last().expect("the snippet prints the logits");
     let found: Vec<f32> = last.split(' ').map(|word| word.parse().unwrap()).collect();
     assert_close(&found, &logits);

@@ -194,6 +194,106 @@ fn a_browser_plays_the_page() {
     assert!(found.lines().count() > 25 && !found.contains("FAIL"), "{found}");
 }
 
+/// What an evaluation of eight episodes wrote, and where.
+fn evaluated(folder: &Path, imputers: &str) -> String {
+    succeed(&format!(
+        "evaluate builtin --task hear-see --episodes 8 --levels 1,0.4,0 --imputers {imputers} --in-process --report {}",
+        folder.display()
+    ));
+    std::fs::read_to_string(folder.join("report.html")).unwrap()
+}
+
+/// The return that `episodes.csv` has of an episode.
+fn listed(folder: &Path, imputer: &str, p: &str, episode: usize) -> f64 {
+    let rows = std::fs::read_to_string(folder.join("episodes.csv")).unwrap();
+    let wanted = format!("hear-see,builtin,{imputer},level,{p},{episode},");
+    let row = rows.lines().find_map(|row| row.strip_prefix(&wanted[..]).map(str::to_owned));
+    row.unwrap_or_else(|| panic!("no {wanted} in {rows}")).parse().unwrap()
+}
+
+#[test]
+fn a_report_leads_to_the_best_and_worst_episodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = evaluated(folder.path(), "hold,dynamics");
+    let links: Vec<&str> = report
+        .match_indices("href=\"replays/")
+        .map(|(at, _)| report[at + 6..].split('"').next().unwrap())
+        .collect();
+    let expected = ["hold-best", "hold-worst", "dynamics-best", "dynamics-worst"];
+    assert_eq!(links, expected.map(|name| format!("replays/1-hear-see-{name}.html")));
+    for link in links {
+        let page = std::fs::read_to_string(folder.path().join(link)).unwrap();
+        assert!(page.len() < 60_000, "{} bytes", page.len());
+        let imputer = if link.contains("hold") { "hold" } else { "dynamics" };
+        let all: Vec<f64> = (0..8).map(|episode| listed(folder.path(), imputer, "0", episode)).collect();
+        let extreme = if link.contains("best") { f64::max } else { f64::min };
+        let wanted = all.iter().copied().reduce(extreme).unwrap();
+        let episode = all.iter().position(|value| *value == wanted).unwrap();
+        assert!(report.contains(&format!("{wanted:.1} (episode {episode})")), "{wanted}, {episode}");
+        let films = embedded(&page)["films"].as_array().unwrap().clone();
+        // The return in the end, as the page has it: four bytes behind those of 25 steps before.
+        let returns = films.iter().map(|film| last_f32(film["episodes"][0]["returns"].as_str().unwrap()));
+        let everything = listed(folder.path(), imputer, "1", episode);
+        assert_eq!(returns.collect::<Vec<_>>(), [wanted as f32, everything as f32], "{link}");
+        assert!(page.contains(&format!("{imputer}, p = 0,")) && page.contains("p = 1"));
+    }
+    // What this report does not lead to goes.
+    evaluated(folder.path(), "dynamics");
+    assert_eq!(std::fs::read_dir(folder.path().join("replays")).unwrap().count(), 2);
+}
+
+/// The last of the numbers in a text of 26 of them: 104 bytes, so that the last group of three holds but two.
+fn last_f32(base64: &str) -> f32 {
+    let letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let six = |letter: char| letters.find(letter).map(|six| six as u32);
+    let bytes: Vec<u8> = base64
+        .as_bytes()
+        .chunks(4)
+        .flat_map(|group| {
+            let bits =
+                group.iter().fold(0, |bits, letter| bits << 6 | six(char::from(*letter)).unwrap_or_default());
+            bits.to_be_bytes()[1..].to_vec()
+        })
+        .collect();
+    f32::from_le_bytes(bytes[100..104].try_into().unwrap())
+}
+
+/// Plays what a report leads to, to its end.
+const GUEST: &str = r#"
+const found = [];
+const check = (what, holds) => found.push(`${holds ? "ok" : "FAIL"} ${what}`);
+async function see() {
+  check("says what it is", byId("told-0").textContent.startsWith("step 0 of 25"));
+  byId("play").click();
+  check("plays", now.playing && byId("play").textContent === "Pause");
+  document.body.dispatchEvent(new KeyboardEvent("keydown", { key: "End", bubbles: true }));
+  check("ends", now.time === 25 && !now.playing);
+  check("side by side", [0, 1].every((index) => byId(`told-${index}`).textContent.startsWith("step 25 of 25")));
+}
+see().catch((error) => check(error, false)).then(() => {
+  const list = document.createElement("pre");
+  list.id = "found";
+  list.textContent = found.join("\n");
+  document.body.append(list);
+});
+"#;
+
+#[test]
+fn a_browser_plays_what_a_report_leads_to() {
+    let Some(browser) = browser() else {
+        eprintln!("skipped: there is no chromium to look at the page with");
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let report = evaluated(folder.path(), "hold");
+    let link = report.split("href=\"replays/").nth(2).unwrap().split('"').next().unwrap();
+    let page = std::fs::read_to_string(folder.path().join("replays").join(link)).unwrap();
+    let after = drive(&browser, &page, GUEST, folder.path());
+    let found = after.split("<pre id=\"found\">").nth(1).unwrap_or_else(|| panic!("nothing found: {after}"));
+    let found = found.split("</pre>").next().unwrap();
+    assert!(found.lines().count() == 4 && !found.contains("FAIL"), "{found}");
+}
+
 /// The pixels of the first frame and of the last, the number of frames, and how long each is shown, from an animated GIF.
 fn frames(path: &str) -> (Vec<u8>, Vec<u8>, usize, u16) {
     let mut options = gif::DecodeOptions::new();

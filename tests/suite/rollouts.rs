@@ -232,6 +232,8 @@ fn a_batch_holds_what_a_recording_of_its_episodes_does() {
             comm_at_t0: None,
             rate: None,
             longest_delay: 0,
+            relay: false,
+            logs: Vec::new(),
             format_version: None,
             version: None,
         };

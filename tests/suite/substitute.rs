@@ -109,7 +109,7 @@ fn what_is_told_counts_from_then_on_and_half_of_it_is_an_error() {
     let everything = Inbox::of(2, |_| Some(Received { age: 0, observation: &sent }));
     agent.fuse(0, &own, &nothing);
     agent.substitute(0, &everything).unwrap();
-    agent.act(0, 0, &[0.5]);
+    agent.act(0, 0, &[0.5]).unwrap();
     // Of agent 1's values the first and the third are agent 0's place and velocity along y.
     assert_eq!(agent.estimates()[4..8], [1.0, 0.0, 3.0, 0.0]);
     agent.predict();
@@ -117,7 +117,7 @@ fn what_is_told_counts_from_then_on_and_half_of_it_is_an_error() {
     assert_eq!(nothing.age(1), NOT_ARRIVED);
     let error = agent.substitute(0, &nothing).unwrap_err().to_string();
     assert!(error.contains("agent-0 is an oracle") && error.contains("agent-1"), "{error}");
-    agent.act(0, 1, &[0.5]);
+    agent.act(0, 1, &[0.5]).unwrap();
     assert_eq!(agent.estimates()[4..8], [1.0, 0.0, 3.0, 0.0], "held from when it was told");
 }
 

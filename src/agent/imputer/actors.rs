@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::Setup;
-use crate::nn::{Inference, NetworkState, Scratch};
+use crate::nn::{Actor, ActorState, Scratch};
 
 /// The actors of an agent's teammates, with the states they have on its beliefs.
 ///
@@ -22,11 +22,11 @@ pub(super) struct Actors {
 #[derive(Debug)]
 struct Pass {
     agents: Vec<usize>,
-    actor: Inference,
+    actor: Actor,
     /// Where its weights are in those of the policy.
     weights: Range<usize>,
     /// Of each of its agents, the rows of all beliefs.
-    state: NetworkState,
+    state: ActorState,
     /// `[agents, rows, joint]`.
     inputs: Vec<f32>,
     /// Whose each row is, `[agents, rows]`.
@@ -41,7 +41,9 @@ impl Actors {
         let mut passes: Vec<Pass> = Vec::new();
         for &agent in agents {
             let weights = setup.policy.actor_range(agent);
-            match passes.iter_mut().find(|pass| pass.weights == weights) {
+            // ONNX actors have no weights of ours: each is a pass of its own.
+            let is_same = |pass: &&mut Pass| !weights.is_empty() && pass.weights == weights;
+            match passes.iter_mut().find(is_same) {
                 Some(pass) => pass.agents.push(agent),
                 None => passes.push(Pass {
                     agents: vec![agent],
@@ -78,7 +80,11 @@ impl Actors {
         for Pass { agents, actor, state, inputs, ids, logits, .. } in &mut self.passes {
             assert_eq!(beliefs.len(), self.rows * actor.n_inputs(), "beliefs are [rows, joint]");
             inputs.chunks_exact_mut(beliefs.len()).for_each(|inputs| inputs.copy_from_slice(beliefs));
-            actor.step(self.rows * agents.len(), inputs, ids, state, &mut self.scratch, logits);
+            let rows = self.rows * agents.len();
+            if actor.step(rows, inputs, ids, state, &mut self.scratch, logits).is_err() {
+                // An ONNX actor that cannot say what it would do might do anything. If the teammate is as lost, it says so.
+                logits.fill(0.0);
+            }
         }
     }
 
@@ -137,9 +143,9 @@ mod tests {
             let alone = |agent: usize, beliefs: &[&[f32]]| {
                 let (actor, mut logits) = (policy.actor(agent), vec![0.0; 5]);
                 let (mut state, mut scratch) = (actor.state(1), Scratch::default());
-                beliefs
-                    .iter()
-                    .for_each(|seen| actor.step(1, seen, &[], &mut state, &mut scratch, &mut logits));
+                beliefs.iter().for_each(|seen| {
+                    actor.step(1, seen, &[], &mut state, &mut scratch, &mut logits).unwrap()
+                });
                 logits
             };
             let beliefs: Vec<f32> = (0..2 * joint).map(|value| (value as f32).sin()).collect();

@@ -72,7 +72,7 @@ pub struct Setup<'a> {
     pub agent: usize,
     /// The most parallel worlds.
     pub worlds: usize,
-    /// The most ticks by which links may postpone an observation.
+    /// The most ticks ago that an observation which arrives may have been made.
     pub longest_delay: u8,
     /// The seed of all draws, which are addressed by the episode and step of a [`Step`].
     pub seed: u64,

@@ -7,6 +7,7 @@ use super::particles::Weights;
 use super::{Imputer, Setup, Step};
 use crate::agent::Inbox;
 use crate::base::error::Result;
+use crate::usage;
 
 /// Everybody is moved on by the dynamics that the policy file holds: the agent itself by the action that was carried out,
 /// each teammate by what its actor, which sees what *this* agent believes, makes probable, in the light of what is seen of
@@ -32,6 +33,12 @@ impl Teammates {
     /// `Usage` if the policy has no dynamics, or not of this environment.
     pub(super) fn new(setup: &Setup, others: Box<dyn Imputer>, guess: Guess) -> Result<Teammates> {
         let (dynamics, n_beliefs) = (fitted(setup)?, guess.n_beliefs());
+        if setup.spec.n_actions() == 0 {
+            return Err(usage!(
+                "teammates are imagined to choose actions; those of {} act by values",
+                setup.spec.id
+            ));
+        }
         let everybody = 0..setup.spec.n_agents();
         let teammates: Vec<usize> = everybody.clone().filter(|agent| *agent != setup.agent).collect();
         Ok(Teammates {

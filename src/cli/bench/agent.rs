@@ -12,7 +12,7 @@ use crate::agent::{Agent, AgentSettings, Inbox, PREFERRED, Received, dims};
 use crate::base::distribution::Distribution;
 use crate::base::error::Result;
 use crate::bus::now_ns;
-use crate::cli::{keep_candle_to_its_thread, table, tell};
+use crate::cli::{keep_candle_to_its_thread, policy_source, table, tell};
 use crate::environment::Task;
 use crate::latency::repeat;
 use crate::nn::reference::CandleNetwork;
@@ -25,6 +25,7 @@ use crate::supervisor::signals;
 Examples:
   vamaro-swarm bench agent
   vamaro-swarm bench agent --task hear-see --seconds 2 --json
+  vamaro-swarm bench agent --policy team.toml
 
 An agent with the paper's networks, with an MLP and with a GRU as actor, on one
 thread, in one world and in ten. A decision is fuse and act; predict comes after
@@ -32,11 +33,16 @@ it: the predictor, and the part of a GRU's next step that depends on its state
 alone. All observations are delivered. For comparison the weights of each are
 read once, and candle computes the same networks, with the whole actor in one
 piece. Each figure is the median of all calls; everything is measured in turn,
-three times.")]
+three times. With --policy an agent of yours is measured beside them, which
+holds what it heard last.")]
 pub struct BenchAgent {
     /// The task
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]
     task: String,
+
+    /// A policy of the task that is measured, too, such as one of ONNX files
+    #[arg(long, value_name = "POLICY")]
+    policy: Option<String>,
 
     /// Seconds of each measurement
     #[arg(long, value_name = "S", default_value_t = 0.3, value_parser = some_seconds)]
@@ -70,28 +76,42 @@ impl BenchAgent {
         keep_candle_to_its_thread()?;
         signals::install()?;
         let task = Task::parse(&self.task)?;
-        let cases =
-            [ActorKind::Mlp, ActorKind::Gru].into_iter().flat_map(|kind| [1, 10].map(|rows| (kind, rows)));
+        let untrained = |kind| Policy::untrained(&dims(task.spec()), 0, Networks::paper(kind));
+        let mut policies = vec![untrained(ActorKind::Mlp)?, untrained(ActorKind::Gru)?];
+        let given =
+            self.policy.as_deref().map(|name| policy_source(name, 0)?.load(task.spec())).transpose()?;
+        let ours = policies.len();
+        policies.extend(given);
+        let cases = (0..policies.len()).flat_map(|policy| [1, 10].map(|rows| (policy, rows)));
         let mut measured: Vec<_> = cases.map(|case| (case, Measured::default())).collect();
         for round in 1..=ROUNDS {
             tell(&format!("round {round} of {ROUNDS}"));
-            for ((kind, rows), measured) in &mut measured {
-                let policy = Policy::untrained(&dims(task.spec()), 0, Networks::paper(*kind))?;
+            for ((at, rows), measured) in &mut measured {
+                let policy = &policies[*at];
                 let longest = Duration::from_secs_f64(self.seconds / f64::from(ROUNDS));
-                measured.agent(&task, &policy, *rows, longest)?;
-                measured.weights(&policy, longest)?;
-                measured.candle(&task, &policy, *rows, longest)?;
+                if *at < ours {
+                    measured.agent(&task, policy, PREFERRED, *rows, longest)?;
+                    measured.weights(policy, longest)?;
+                    measured.candle(&task, policy, *rows, longest)?;
+                } else {
+                    measured.agent(&task, policy, "hold", *rows, longest)?;
+                }
             }
         }
+        let name = |at: usize| {
+            let kind = policies[at].networks().actor.to_string();
+            if at < ours { kind } else { format!("{kind} of --policy") }
+        };
         let cases: Vec<_> =
-            measured.iter().map(|((kind, rows), measured)| measured.json(*kind, *rows)).collect();
+            measured.iter().map(|((at, rows), measured)| measured.json(&name(*at), *rows)).collect();
         self.output.print(json!({ "task": task.id(), "cases": cases }), || {
             let columns: Vec<_> = measured.iter().map(|(_, measured)| measured.values()).collect();
             let rows = FIGURES.iter().enumerate().map(|(at, (_, name))| {
-                let values = columns.iter().map(|column| format!("{:.2}", column[at]));
+                let words = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
+                let values = columns.iter().map(|column| words(column[at]));
                 std::iter::once((*name).to_owned()).chain(values).collect()
             });
-            let names = measured.iter().map(|((kind, rows), _)| format!("{kind}, {rows}"));
+            let names = measured.iter().map(|((at, rows), _)| format!("{}, {rows}", name(*at)));
             let header: Vec<String> = std::iter::once("actor, worlds".to_owned()).chain(names).collect();
             let header: Vec<&str> = header.iter().map(String::as_str).collect();
             let table = table(&header, rows);
@@ -118,9 +138,9 @@ const FIGURES: [(&str, &str); 13] = [
 ];
 
 impl Measured {
-    /// In the order of [`FIGURES`].
-    fn values(&self) -> [f64; FIGURES.len()] {
-        let us = |distribution: &Distribution| distribution.quantile_us(0.5);
+    /// In the order of [`FIGURES`]; `None` of what was not measured.
+    fn values(&self) -> [Option<f64>; FIGURES.len()] {
+        let us = |times: &Distribution| if times.count() > 0 { times.quantile_us(0.5) } else { f64::NAN };
         let (decision, predict) = (us(&self.decision), us(&self.predict));
         let (stream, candle) = (us(&self.stream_decision), us(&self.candle_actor));
         let predict_stream = us(&self.stream_predict);
@@ -139,9 +159,10 @@ impl Measured {
             decision + predict,
             (decision + predict) / (candle + us(&self.candle_predictor)),
         ]
+        .map(|value| value.is_finite().then_some(value))
     }
 
-    fn json(&self, actor: ActorKind, worlds: usize) -> serde_json::Value {
+    fn json(&self, actor: &str, worlds: usize) -> serde_json::Value {
         let values = FIGURES.iter().zip(self.values());
         let values = values.map(|((key, _), value)| ((*key).to_owned(), json!(value)));
         let case = [("actor".to_owned(), json!(actor)), ("worlds".to_owned(), json!(worlds))];
@@ -149,8 +170,15 @@ impl Measured {
     }
 
     /// The agent's own tick.
-    fn agent(&mut self, task: &Task, policy: &Policy, worlds: usize, longest: Duration) -> Result<()> {
-        let imputer = PREFERRED.to_owned();
+    fn agent(
+        &mut self,
+        task: &Task,
+        policy: &Policy,
+        imputer: &str,
+        worlds: usize,
+        longest: Duration,
+    ) -> Result<()> {
+        let imputer = imputer.to_owned();
         let settings = AgentSettings { imputer, worlds, ..AgentSettings::of(task.spec()) };
         let mut agent = Agent::with_policy(&settings, policy, 0)?;
         let observation: Vec<f32> = numbers(task.spec().padded_obs_dim());
@@ -165,7 +193,7 @@ impl Measured {
                 agent.fuse(world, &observation, &Inbox::of(task.spec().n_agents(), |_| received));
             }
             let fused = now_ns();
-            agent.act(0, step, &draws);
+            agent.act(0, step, &draws)?;
             let acted = now_ns();
             agent.predict();
             if counts {

@@ -130,7 +130,7 @@ impl Measured {
             let began = now_ns();
             agent.fuse(0, &observation, &Inbox::of(n_agents, |_| None));
             let fused = now_ns();
-            agent.act(u64::from(step / horizon), step % horizon, &[0.5]);
+            agent.act(u64::from(step / horizon), step % horizon, &[0.5])?;
             let acted = now_ns();
             agent.predict();
             if counts {

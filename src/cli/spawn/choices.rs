@@ -11,9 +11,9 @@ use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::Scheduling;
 use crate::bus::Wait;
 use crate::environment::{ActionSpace, Environment, Spec, Task};
-use crate::link::{CommunicationMatrix, LinkSpec, Site, complement};
+use crate::link::{CommunicationMatrix, LinkSpec, RadioLog, Site, complement};
 use crate::nn::{Policy, PolicyFile};
-use crate::recording::{FORMAT_VERSION, RecordingHeader, is_json};
+use crate::recording::{FORMAT_VERSION, Format, RecordingHeader};
 use crate::supervisor::{AgentCommand, Deadlines, Hosted, Recorder};
 use crate::usage;
 
@@ -187,11 +187,12 @@ impl Spawn {
             policy,
             imputer: registry.choose(self.imputer.as_deref(), loaded)?,
             registry,
-            greedy: self.greedy,
+            greedy: self.greedy || loaded.is_greedy(),
             seed: self.seed,
             worlds: self.active_worlds(),
             longest_delay: links.longest_delay(),
-            tell_logits: self.record.as_deref().is_some_and(is_json),
+            relay: self.relay,
+            tell_logits: self.record.as_deref().map(Format::of) == Some(Format::Json),
         })
     }
 
@@ -212,13 +213,15 @@ impl Spawn {
             imputer: Some(settings.imputer.clone()),
             policy: Some(settings.policy.to_string()),
             seed: Some(self.seed),
-            greedy: Some(self.greedy),
+            greedy: Some(settings.greedy),
             links: Some(links.recorded_name()),
             matrix: links.matrix().map(CommunicationMatrix::to_rows),
             physics: self.physics,
             comm_at_t0: Some(!self.no_comm_at_t0),
             rate: self.rate,
             longest_delay: settings.longest_delay,
+            relay: self.relay,
+            logs: links.logs().map(RadioLog::fingerprint).collect(),
             format_version: Some(FORMAT_VERSION),
             version: Some(env!("CARGO_PKG_VERSION").to_owned()),
         };

@@ -3,17 +3,19 @@
 use maud::{Markup, PreEscaped, html};
 
 use super::table::{Cell, Table, on_demand};
-use super::{figures, findings, words};
+use super::{REPLAYS, figures, findings, words};
+use crate::evaluate::grouping::distinct;
 use crate::evaluate::{
-    AgeErrors, Axis, Calibration, CellSummary, Comparison, Group, ImputerSummary, Interval, Profile, Summary,
+    AgeErrors, Axis, Calibration, CellSummary, Comparison, Group, ImputerSummary, Interval, Profile, Replay,
+    Summary,
 };
 use crate::plot::Figure;
 
 /// Of fewer policies a standard deviation is a guess, and the ratio of two says nothing.
 const FEWEST_FOR_RATIOS: usize = 3;
 
-/// What was found of a group, figures and tables.
-pub fn group(summary: &Summary, group: &Group) -> Markup {
+/// What was found of a group, figures and tables, and where these of its episodes are to be seen.
+pub fn group(summary: &Summary, group: &Group, replays: &[&Replay]) -> Markup {
     let imputers = words::imputers(summary);
     let groups = std::slice::from_ref(group);
     let is_alone = summary.groups.len() == 1;
@@ -34,6 +36,7 @@ pub fn group(summary: &Summary, group: &Group) -> Markup {
         }
         (outcomes(group))
         (comparisons(group))
+        (to_see(summary, replays))
         h3 { "Over all p" }
         (over_p(group))
         @for (at, axis) in summary.axes.iter().enumerate() {
@@ -121,11 +124,37 @@ fn comparisons(group: &Group) -> Markup {
     }
 }
 
+/// A row per imputer, with links to its best and its worst episode.
+fn to_see(summary: &Summary, replays: &[&Replay]) -> Markup {
+    let Some(first) = replays.first() else { return html! {} };
+    let cell = |replay: &Replay| {
+        let policy = match summary.contenders.len() {
+            1 => String::new(),
+            _ => format!(", {}", summary.contenders[replay.contender].name),
+        };
+        let told =
+            format!("{} (episode {}{policy})", words::number(replay.episode_return, 1), replay.episode);
+        Cell { link: Some(format!("{REPLAYS}/{}", replay.file())), ..Cell::of(told) }
+    };
+    let rows = distinct(replays.iter().map(|replay| &replay.imputer)).into_iter().map(|imputer| {
+        let of_it = replays.iter().filter(|replay| replay.imputer == *imputer);
+        (imputer.clone(), of_it.map(|replay| cell(replay)).collect())
+    });
+    let table = Table {
+        caption: "Return of the best and of the worst episode. Each link plays the episode, beside the same one at p = 1, \
+                  where everything is delivered."
+            .to_owned(),
+        columns: ["imputer", "best", "worst"].map(str::to_owned).to_vec(),
+        rows: rows.collect(),
+    };
+    html! { h3 { "Episodes to see, at p = " (first.p) } (table.markup()) }
+}
+
 /// Bold where it is surely a difference, and one that can be read.
 fn difference(comparison: &Comparison) -> Cell {
     let Interval { value, low, high } = comparison.difference;
     let is_there = words::number(value, 1) != words::number(0.0, 1);
-    Cell { value: words::signed(value, 1), strong: (low > 0.0 || high < 0.0) && is_there }
+    Cell { strong: (low > 0.0 || high < 0.0) && is_there, ..Cell::of(words::signed(value, 1)) }
 }
 
 /// A table with a row per imputer and a column per condition, without those that have nothing to say; `None` if none
@@ -252,7 +281,7 @@ mod tests {
     use super::*;
 
     fn text(summary: &Summary) -> String {
-        group(summary, &summary.groups[0]).into_string()
+        group(summary, &summary.groups[0], &[]).into_string()
     }
 
     #[test]
@@ -262,7 +291,7 @@ mod tests {
             let comparison = summary.groups[0].imputers[0].cells[1].comparison.unwrap();
             difference(&Comparison { difference: Interval { value, low, high }, ..comparison })
         };
-        let strong = |value: &str| Cell { value: value.to_owned(), strong: true };
+        let strong = |value: &str| Cell { strong: true, ..Cell::of(value) };
         assert_eq!(of(0.04, 0.01, 0.07), Cell::of("0.0"));
         assert_eq!(of(-0.04, -0.07, -0.01), Cell::of("0.0"));
         assert_eq!([of(0.06, 0.01, 0.09), of(-3.0, -4.0, -2.0)], ["+0.1", "-3.0"].map(strong));

@@ -24,7 +24,7 @@ pub fn tables(summary: &Summary) -> String {
         "Mean return +- standard deviation over policies (seeds), {} each{}:\n\n{}\n\
          Mean return [95 % interval]; score:\n\n{}",
         counted(summary.settings.episodes, "episode"),
-        summary.settings.physics.if_other(),
+        summary.settings.if_other(),
         table(summary, deviation),
         table(summary, interval)
     ) + &summary.groups.iter().map(losses).collect::<String>()

@@ -29,7 +29,7 @@ pub use marl_eval::marl_eval;
 pub use results::results;
 pub use text::text;
 
-use super::{Evaluation, Summary};
+use super::{Evaluation, Replay, Summary};
 use crate::base::error::{Error, Result};
 use crate::base::file::AtomicFile;
 
@@ -46,9 +46,12 @@ pub struct Provenance {
     pub date: String,
 }
 
+/// The folder of the pages that play episodes.
+const REPLAYS: &str = "replays";
+
 /// Writes an evaluation into a folder that exists: `report.html`, `results.json`, `marl-eval.json`, `summary.csv`,
 /// `episodes.csv`, `errors.csv`, `table.md`, and those of `robustness.svg`, `sweeps.svg`, `modes.svg`, `difference.svg` and
-/// `error-by-age.svg` that have something to show; for a paper the same as PDF. Returns where they are.
+/// `error-by-age.svg` that have something to show; for a paper the same as PDF. The pages of replays come into `replays/`. Returns where all are.
 ///
 /// # Errors
 /// [`Error::Failed`] if a file cannot be written; those before it are complete.
@@ -56,6 +59,7 @@ pub fn write(
     folder: &Path,
     evaluation: &Evaluation,
     summary: &Summary,
+    replays: &[(Replay, String)],
     provenance: &Provenance,
     paper: bool,
 ) -> Result<Vec<PathBuf>> {
@@ -74,8 +78,14 @@ pub fn write(
         written.push(path);
         Ok(())
     };
+    // What the report leads to is there before it.
+    let shown: Vec<&Replay> = replays.iter().map(|(replay, _)| replay).collect();
+    make_room_for_replays(&folder.join(REPLAYS), &shown)?;
+    for (replay, page) in replays {
+        write(&format!("{REPLAYS}/{}", replay.file()), page.clone().into_bytes())?;
+    }
     // One after the other: those with all episodes are large.
-    write("report.html", page::page(summary, provenance).into_bytes())?;
+    write("report.html", page::page(summary, &shown, provenance).into_bytes())?;
     write("results.json", results::results(summary, provenance).into_bytes())?;
     write("marl-eval.json", marl_eval::marl_eval(evaluation, summary).into_bytes())?;
     write("summary.csv", csv::summary(summary).into_bytes())?;
@@ -93,6 +103,18 @@ pub fn write(
         if shows && paper { write(&pdf, figure.to_pdf())? } else { remove(&folder.join(pdf))? }
     }
     Ok(written)
+}
+
+/// Makes the folder of replays, if there are any, and removes those of an earlier evaluation that this one does not have.
+fn make_room_for_replays(folder: &Path, replays: &[&Replay]) -> Result<()> {
+    if !replays.is_empty() {
+        std::fs::create_dir_all(folder).map_err(|e| Error::io("create the folder", folder, e))?;
+    }
+    let Ok(there) = folder.read_dir() else { return Ok(()) };
+    let names = there.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let is_ours = |name: &String| ["-best.html", "-worst.html"].iter().any(|end| name.ends_with(end));
+    let is_old = |name: &String| is_ours(name) && replays.iter().all(|replay| replay.file() != *name);
+    names.filter(is_old).try_for_each(|name| remove(&folder.join(name)))
 }
 
 /// Removes a figure of an earlier evaluation that this one does not have.
@@ -113,7 +135,7 @@ mod tests {
     fn all_files_are_written_whole() {
         let (evaluation, summary) = fixture::two_tasks();
         let folder = tempfile::tempdir().unwrap();
-        let files = write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
+        let files = write(folder.path(), &evaluation, &summary, &[], &fixture::provenance(), false).unwrap();
         let mut there: Vec<PathBuf> =
             std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
         let mut said = files.clone();
@@ -136,7 +158,7 @@ mod tests {
     fn claims_are_in_all_that_people_read() {
         let (_, mut summary) = fixture::two_tasks();
         let readings = |summary: &Summary| {
-            let page = page::page(summary, &fixture::provenance());
+            let page = page::page(summary, &[], &fixture::provenance());
             // Sentences are broken where a terminal ends.
             [page, markdown::tables(summary), text(summary).replace("\n  ", " ")]
         };
@@ -181,14 +203,14 @@ mod tests {
             "p = 0.2: value-aware loses 0.005 [-0.005, 0.015] of the score.",
             "Knowing its own agent's state adds 0.005 [-0.005, 0.015].",
         ];
-        let page = page::page(&summary, &fixture::provenance());
+        let page = page::page(&summary, &[], &fixture::provenance());
         for text in [page, markdown::tables(&summary), text(&summary)] {
             assert!(sentences.iter().all(|sentence| text.contains(sentence)), "{text}");
             assert!(!text.contains("oracle"), "nobody was one");
         }
         assert!(text(&summary).lines().all(|line| line.chars().count() <= 100));
         summary.groups[0].imputers[2].imputer = Truth::Own.oracle("value-aware");
-        let page = page::page(&summary, &fixture::provenance());
+        let page = page::page(&summary, &[], &fixture::provenance());
         assert!(page.contains("Not an imputer: the agents are told a part of the truth"));
         assert!(text(&summary).contains("NAME+oracle:PART is not an imputer"));
     }
@@ -198,7 +220,7 @@ mod tests {
         let (evaluation, summary) = fixture::two_tasks();
         let folder = tempfile::tempdir().unwrap();
         let write =
-            |paper| write(folder.path(), &evaluation, &summary, &fixture::provenance(), paper).unwrap();
+            |paper| write(folder.path(), &evaluation, &summary, &[], &fixture::provenance(), paper).unwrap();
         let files = write(true);
         for name in ["robustness", "modes", "difference", "error-by-age"] {
             let figure = folder.path().join(format!("{name}.pdf"));
@@ -220,7 +242,7 @@ mod tests {
             return;
         }
         let (evaluation, summary) = fixture::two_tasks();
-        write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
+        write(folder.path(), &evaluation, &summary, &[], &fixture::provenance(), false).unwrap();
         let docs = include_str!("../../../docs/formats.md");
         let recipe = docs.split("```python\n").find(|part| part.starts_with("import pandas")).unwrap();
         let output = python(recipe.split("```").next().unwrap(), folder.path()).unwrap();
@@ -237,13 +259,14 @@ mod tests {
     fn what_has_nothing_to_show_is_not_written() {
         let (evaluation, mut summary) = fixture::two_tasks();
         let folder = tempfile::tempdir().unwrap();
-        write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
+        write(folder.path(), &evaluation, &summary, &[], &fixture::provenance(), false).unwrap();
         summary.groups.iter_mut().for_each(fixture::forget_baseline);
-        let files = write(folder.path(), &evaluation, &summary, &fixture::provenance(), false).unwrap();
+        let files = write(folder.path(), &evaluation, &summary, &[], &fixture::provenance(), false).unwrap();
         assert!(!files.contains(&folder.path().join("difference.svg")) && files.len() == 10);
         assert!(!folder.path().join("difference.svg").exists(), "that of an earlier evaluation is gone");
         assert!(
-            write(&folder.path().join("none"), &evaluation, &summary, &fixture::provenance(), false).is_err()
+            write(&folder.path().join("none"), &evaluation, &summary, &[], &fixture::provenance(), false)
+                .is_err()
         );
     }
 }

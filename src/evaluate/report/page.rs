@@ -1,4 +1,4 @@
-//! `report.html`: everything on one page, without links or scripts.
+//! `report.html`: everything on one page, without scripts. Its only links lead to replays.
 
 use maud::{Markup, html};
 
@@ -7,14 +7,17 @@ use super::table::{Cell, Table, on_demand};
 use super::{Provenance, figures, findings, notes, words};
 use crate::base::page;
 use crate::evaluate::grouping::distinct;
-use crate::evaluate::{Aggregate, Claims, Condition, Settings, Summary};
+use crate::evaluate::{Aggregate, Claims, Condition, Replay, Settings, Summary};
 
-/// The page.
-pub fn page(summary: &Summary, provenance: &Provenance) -> String {
+/// The page, with links to these replays.
+pub fn page(summary: &Summary, replays: &[&Replay], provenance: &Provenance) -> String {
     let tasks = distinct(summary.groups.iter().map(|group| &group.task[..]));
     let title = format!("Robustness to lossy links: {}", tasks.join(", "));
     let groups = summary.groups.iter().enumerate();
-    let groups = groups.map(|(index, of)| (format!("group-{index}"), words::group(of), group(summary, of)));
+    let groups = groups.map(|(index, of)| {
+        let replays: Vec<&Replay> = replays.iter().copied().filter(|replay| replay.group == index).collect();
+        (format!("group-{index}"), words::group(of), group(summary, of, &replays))
+    });
     let rest = [
         (!summary.aggregates.is_empty()).then(|| ("aggregates", "Over tasks", aggregates(summary))),
         (!summary.claims.is_empty()).then(|| ("claims", "The paper's claims", claims(summary))),
@@ -168,7 +171,7 @@ fn definitions(summary: &Summary) -> Markup {
 }
 
 fn made(summary: &Summary, provenance: &Provenance) -> Markup {
-    let Settings { episodes, seed, greedy, comm_at_t0, physics } = summary.settings;
+    let Settings { episodes, seed, greedy, comm_at_t0, physics, relay } = summary.settings;
     let Provenance { program, command, cpu, date } = provenance;
     let conditions = distinct(summary.groups.iter().flat_map(words::conditions));
     let conditions: Vec<String> = conditions.into_iter().map(words::condition).collect();
@@ -183,17 +186,22 @@ fn made(summary: &Summary, provenance: &Provenance) -> Markup {
             if comm_at_t0 { "everything is delivered" } else { "links lose as they do later" }.to_owned(),
         ),
         ("physics", physics.to_string()),
+        (
+            "messages",
+            if relay { "also carry the newest that their senders hold of others" } else { "" }.to_owned(),
+        ),
         ("program", program.clone()),
         ("CPU", cpu.clone()),
         ("date", date.clone()),
     ];
+    let said = settings.into_iter().filter(|(_, value)| !value.is_empty());
     html! {
         p {
             "Frozen policies play while the links between their agents lose observations, and an imputer stands in for \
             what is lost. All policies of a task were played from the same initial states with the same draws of actions \
             and links, whatever the condition and the imputer, so differences are paired."
         }
-        (list(settings.map(|(term, value)| (term.to_owned(), value))))
+        (list(said.map(|(term, value)| (term.to_owned(), value))))
         pre { code { (command) } }
         p {
             "Every random draw is determined by the seed and its purpose, so the same command gives bit-identical numbers \
@@ -215,7 +223,7 @@ mod tests {
     #[test]
     fn it_needs_nothing_from_elsewhere() {
         let (_, summary) = fixture::two_tasks();
-        let page = page(&summary, &fixture::provenance());
+        let page = page(&summary, &[], &fixture::provenance());
         assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n"));
         assert_eq!(page.matches("http").count(), page.matches("<svg xmlns=\"http").count());
         assert!(!page.contains("<script") && !page.contains("src=") && !page.contains("url("));
@@ -230,7 +238,7 @@ mod tests {
     #[test]
     fn everything_is_there() {
         let (_, summary) = fixture::two_tasks();
-        let page = page(&summary, &fixture::provenance());
+        let page = page(&summary, &[], &fixture::provenance());
         for group in &summary.groups {
             assert!(page.contains(&format!(">{}</h2>", words::group(group))));
             for imputer in &group.imputers {
@@ -264,7 +272,7 @@ mod tests {
         let about = |conditions: &[&str]| {
             let conditions = fixture::conditions(conditions);
             let (_, summary) = fixture::played(&[("hear-see", -24.0, 1)], &conditions, &["hold"], 20);
-            let page = page(&summary, &fixture::provenance());
+            let page = page(&summary, &[], &fixture::provenance());
             (page.contains("<dt>gilbert(p, r)</dt>"), page.contains("<dt>delay(ticks, jitter = 0)</dt>"))
         };
         assert_eq!(about(&["1", "0.2", "dynamic"]), (false, false));
@@ -283,7 +291,7 @@ mod tests {
         summary.groups[0].imputers[0].imputer = hostile.to_owned();
         summary.aggregates[0].imputer = hostile.to_owned();
         let provenance = Provenance { command: hostile.to_owned(), ..fixture::provenance() };
-        let page = page(&summary, &provenance);
+        let page = page(&summary, &[], &provenance);
         assert!(!page.contains("<script") && !page.contains("alert(\"x"));
         assert!(page.matches("&lt;script&gt;alert(&quot;x&quot;)&lt;/script&gt;&amp;").count() > 10);
     }
@@ -298,7 +306,7 @@ mod tests {
             imputer.errors.clear();
             imputer.cells.retain(|cell| cell.condition.p() == Some(1.0));
         }
-        let page = page(&summary, &fixture::provenance());
+        let page = page(&summary, &[], &fixture::provenance());
         for absent in ["Against", "What was imputed", "Over tasks", "NaN"] {
             assert!(!page.contains(absent), "{absent}");
         }
@@ -308,7 +316,7 @@ mod tests {
     #[test]
     fn it_opens_with_what_was_found_and_the_figure() {
         let (_, summary) = fixture::two_tasks();
-        let page = page(&summary, &fixture::provenance());
+        let page = page(&summary, &[], &fixture::provenance());
         let finding = page.find("<p class=\"finding\">In the mean over 2 tasks").unwrap();
         let figure = page.find("<figure>").unwrap();
         assert!(finding < figure && figure < page.find("<table>").unwrap());

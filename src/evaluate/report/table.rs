@@ -20,12 +20,14 @@ pub struct Cell {
     pub value: String,
     /// Stands out.
     pub strong: bool,
+    /// Where it leads.
+    pub link: Option<String>,
 }
 
 impl Cell {
     /// A value like others.
     pub fn of(value: impl Into<String>) -> Cell {
-        Cell { value: value.into(), strong: false }
+        Cell { value: value.into(), strong: false, link: None }
     }
 
     /// Nothing.
@@ -47,8 +49,12 @@ impl Table {
                         @for (heading, cells) in rows {
                             tr {
                                 th scope="row" { (heading) }
-                                @for Cell { value, strong } in cells {
-                                    td { @if *strong { strong { (value) } } @else { (value) } }
+                                @for Cell { value, strong, link } in cells {
+                                    td {
+                                        @if let Some(link) = link { a href=(link) { (value) } }
+                                        @else if *strong { strong { (value) } }
+                                        @else { (value) }
+                                    }
                                 }
                             }
                         }

@@ -17,7 +17,7 @@ pub fn text(summary: &Summary) -> String {
             words::policies(group.contenders.len()),
             words::seeds(summary, group),
             counted(summary.settings.episodes, "episode"),
-            summary.settings.physics.if_other()
+            summary.settings.if_other()
         );
         let random = format!("\nuniform actions {}\n\n", words::plus_minus(&group.random, 1));
         let heading = wrapped(&heading, 2) + &random;

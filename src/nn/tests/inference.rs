@@ -37,7 +37,7 @@ proptest! {
         n_agents in 1usize..5, rows in 1usize..12, seed in any::<u64>(),
     ) {
         let (actor, sharing) = KINDS[kind];
-        let dims = Dims { task: "toy".to_string(), n_agents, joint, predicted: joint, n_actions };
+        let dims = Dims { task: "toy".to_string(), n_agents, joint, predicted: joint, n_actions, agents: Vec::new() };
         let inputs = if acting { vec![Input::Estimate, Input::OwnAction] } else { vec![Input::Estimate] };
         let predictors = vec![PredictorSpec { hidden, inputs, skip, ..PredictorSpec::paper("one") }];
         let policy = Policy::untrained(&dims, seed, Networks { actor, sharing, hidden, predictors }).unwrap();
@@ -46,7 +46,7 @@ proptest! {
         let steps: Vec<_> = (0..4).map(|step| numbers(seed ^ step, rows * joint)).collect();
         let acts: Vec<usize> = (0..rows).map(|row| (seed as usize ^ row) % (n_agents * n_actions)).collect();
         let actors = (0..n_agents).map(|agent| {
-            (policy.actor(agent), n_actions, CandleNetwork::actor(&policy, agent, rows))
+            (policy.actor(agent).network(), n_actions, CandleNetwork::actor(&policy, agent, rows))
         });
         let predictor = &policy.predictor("one").unwrap().network;
         let predictor = (predictor, 2 * joint, CandleNetwork::predictor(&policy, "one", rows));
@@ -70,7 +70,7 @@ fn a_row_is_the_same_bits_alone_and_among_others() {
     for (actor, sharing) in KINDS {
         let policy = Policy::untrained(&dims, 3, Networks { sharing, ..Networks::paper(actor) }).unwrap();
         let predictor = &policy.predictor("value-aware").unwrap().network;
-        for (network, outputs) in [(policy.actor(1), 5), (predictor, 32)] {
+        for (network, outputs) in [(policy.actor(1).network(), 5), (predictor, 32)] {
             let alone: Vec<_> = (0..64).map(|row| run(network, 1, &part(row, 1), &[], outputs)).collect();
             for rows in [2, 10, 64] {
                 for (step, out) in run(network, rows, &part(0, rows), &[], outputs).iter().enumerate() {
@@ -89,26 +89,33 @@ fn a_nan_in_the_input_reaches_the_logits() {
         let policy = policy(actor, sharing);
         let mut inputs = vec![0.5; policy.dims().joint];
         inputs[2] = f32::NAN;
-        let logits = run(policy.actor(0), 1, &[inputs], &[], 5);
+        let logits = run(policy.actor(0).network(), 1, &[inputs], &[], 5);
         assert!(logits[0].iter().all(|logit| logit.is_nan()), "{actor:?}, {sharing:?}");
     }
 }
 
 #[test]
 fn what_is_prepared_changes_no_bit_and_not_the_next_episode() {
-    let dims = Dims { task: "toy".to_string(), n_agents: 2, joint: 9, predicted: 9, n_actions: 5 };
+    let dims = Dims {
+        task: "toy".to_string(),
+        n_agents: 2,
+        joint: 9,
+        predicted: 9,
+        n_actions: 5,
+        agents: Vec::new(),
+    };
     for (kind, sharing) in KINDS {
         let networks = Networks { sharing, ..Networks::paper(kind) };
         let policy = Policy::untrained(&dims, 3, networks).unwrap();
         let steps: Vec<_> = (0..6).map(|step| numbers(step, 2 * dims.joint)).collect();
         let actor = policy.actor(1);
-        let expected = run(actor, 2, &steps, &[], dims.n_actions);
+        let expected = run(actor.network(), 2, &steps, &[], dims.n_actions);
         let (mut state, mut scratch) = (actor.state(7), Scratch::default());
         for episode in 0..3 {
             state.start(2);
             for (step, (inputs, expected)) in steps.iter().zip(&expected).enumerate() {
                 let mut logits = vec![0.0; 2 * dims.n_actions];
-                actor.step(2, inputs, &[], &mut state, &mut scratch, &mut logits);
+                actor.step(2, inputs, &[], &mut state, &mut scratch, &mut logits).unwrap();
                 assert_eq!(&logits, expected, "{kind}, {sharing}");
                 // Never, always, or now and then; twice is as good as once.
                 (0..episode * step % 3).for_each(|_| actor.prepare(2, &mut state));
@@ -136,7 +143,7 @@ fn a_held_dim_is_predicted_not_to_change() {
 fn a_state_that_starts_again_is_a_new_one() {
     let policy = policy(ActorKind::Gru, Sharing::Separate);
     let predictor = &policy.predictor("maro").unwrap().network;
-    for (network, outputs) in [(policy.actor(0), 5), (predictor, 2 * policy.dims().predicted)] {
+    for (network, outputs) in [(policy.actor(0).network(), 5), (predictor, 2 * policy.dims().predicted)] {
         let (mut state, mut out) = (network.state(2), vec![0.0; 2 * outputs]);
         network.step(2, &numbers(1, 14), &[], &mut state, &mut Scratch::default(), &mut out);
         assert_ne!(state, network.state(2));
@@ -165,7 +172,14 @@ fn a_soft_bounded_sigma_stays_within_bounds_and_has_the_slope_that_it_says() {
 #[test]
 fn senses_say_what_arrived_how_old_it_is_and_what_was_not_expected() {
     use Input::{Age, Delivered, Estimate, Innovation};
-    let dims = Dims { task: "toy".to_string(), n_agents: 2, joint: 5, predicted: 4, n_actions: 5 };
+    let dims = Dims {
+        task: "toy".to_string(),
+        n_agents: 2,
+        joint: 5,
+        predicted: 4,
+        n_actions: 5,
+        agents: Vec::new(),
+    };
     let inputs = vec![Estimate, Delivered, Age, Innovation];
     let predictors = vec![PredictorSpec { hidden: 3, inputs, ..PredictorSpec::paper("one") }];
     let policy =
@@ -210,13 +224,13 @@ fn networks_make_the_same_bits_of_f16_and_of_its_values() {
         for rows in [1, 2, 9] {
             let steps: Vec<_> = (0..3).map(|step| numbers(step, rows * dims().joint)).collect();
             let [halves, values] = [&of_halves, &of_values]
-                .map(|policy| run(policy.actor(1), rows, &steps, &[], dims().n_actions));
+                .map(|policy| run(policy.actor(1).network(), rows, &steps, &[], dims().n_actions));
             assert_eq!(halves, values, "{actor} {sharing}, {rows} rows");
         }
         // New weights are f32: those of the file count no more.
         let mut renewed = of_halves.actor(0).clone();
         renewed.renew(&vec![0.0; of_halves.actor_range(0).len()]);
-        let out = run(&renewed, 1, &[numbers(1, dims().joint)], &[], dims().n_actions);
+        let out = run(renewed.network(), 1, &[numbers(1, dims().joint)], &[], dims().n_actions);
         assert_eq!(out, [vec![0.0; dims().n_actions]]);
     }
 }

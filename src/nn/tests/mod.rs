@@ -11,7 +11,7 @@ use crate::base::rng::{Draws, Purpose};
 
 /// A small task.
 fn dims() -> Dims {
-    Dims { task: "toy".to_string(), n_agents: 3, joint: 7, predicted: 6, n_actions: 5 }
+    Dims { task: "toy".to_string(), n_agents: 3, joint: 7, predicted: 6, n_actions: 5, agents: Vec::new() }
 }
 
 /// Small networks with every kind of tensor in them.

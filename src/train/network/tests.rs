@@ -12,7 +12,7 @@ fn numbers(seed: u64, n: usize) -> Vec<f32> {
 }
 
 fn dims(joint: usize, predicted: usize, n_actions: usize) -> Dims {
-    Dims { task: "toy".to_string(), n_agents: 2, joint, predicted, n_actions }
+    Dims { task: "toy".to_string(), n_agents: 2, joint, predicted, n_actions, agents: Vec::new() }
 }
 
 /// Compares outputs and gradients of the loss `sum(d * outputs)` for random `d`.

@@ -33,7 +33,7 @@ fn numbers(seed: u64, n: usize) -> Vec<f32> {
 }
 
 fn dims() -> Dims {
-    Dims { task: "toy".to_string(), n_agents: N, joint: 8, predicted: 6, n_actions: 5 }
+    Dims { task: "toy".to_string(), n_agents: N, joint: 8, predicted: 6, n_actions: 5, agents: Vec::new() }
 }
 
 fn batch(seed: u64) -> Batch {
@@ -169,7 +169,7 @@ fn learner_and_agents_compute_the_same_bits() {
             let mut logits = vec![0.0; batch.episodes * dims().n_actions];
             let steps = batch.joint.chunks_exact(batch.episodes * dims().joint);
             for (inputs, learned) in steps.zip(learned.chunks_exact(logits.len())) {
-                actor.step(batch.episodes, inputs, &[], &mut state, &mut scratch, &mut logits);
+                actor.step(batch.episodes, inputs, &[], &mut state, &mut scratch, &mut logits).unwrap();
                 let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
                 assert_eq!(bits(&logits), bits(learned), "{kind}, {sharing}, agent {agent}");
             }

@@ -7,8 +7,8 @@ use ratatui::style::Color;
 
 use super::*;
 use crate::environment::Task;
+use crate::environment::places::Ghost;
 use crate::view::keys::Key;
-use crate::view::places::Ghost;
 use crate::view::scene::{AgedGhost, Fate, Totals};
 
 fn facts(task: &str) -> Facts {

@@ -28,7 +28,7 @@ const AS_BEFORE: u8 = 63;
 pub(crate) fn gif(moment: &Moment) -> Result<Vec<u8>> {
     let films = moment.films.iter();
     let steps = films.map(|film| film.takes[moment.take].steps_taken()).max().unwrap_or(0);
-    let hundredths = 100.0 * SLOWER * moment.films[0].spec.dt;
+    let hundredths = 100.0 * SLOWER * moment.films[0].spec().dt;
     let frames_a_step = (hundredths / SHORTEST).floor().clamp(1.0, 4.0);
     let delay = (hundredths / frames_a_step).round().clamp(SHORTEST, 100.0) as u16;
     let last = steps * frames_a_step as usize;

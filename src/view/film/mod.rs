@@ -1,5 +1,6 @@
 //! Recorded episodes as pictures: what there is to see in them, and the pages, films and frames that show it.
 
+mod evaluated;
 mod font;
 mod gif;
 mod page;
@@ -9,15 +10,15 @@ mod svg;
 
 use glam::DVec2;
 
+pub(crate) use evaluated::evaluated;
 pub(crate) use gif::gif;
 pub(crate) use page::page;
 pub(crate) use scene::Moment;
 pub(crate) use svg::svg;
 
-use super::places::{Ghost, Places};
 use crate::base::error::Result;
 use crate::environment::{Spec, Task};
-use crate::recording::{Episode, Presence, RecordingHeader};
+use crate::recording::{Episode, RecordingHeader, Step, Steps};
 use crate::usage;
 
 /// How far from the origin anything may be, m: as far as what agents can observe.
@@ -29,9 +30,8 @@ pub(crate) struct Film {
     /// What it is called where there are several.
     pub name: String,
     pub header: RecordingHeader,
-    pub spec: Spec,
     pub takes: Vec<Take>,
-    places: Places,
+    steps: Steps,
 }
 
 /// An episode of it.
@@ -53,41 +53,23 @@ pub(crate) struct Take {
     pub steps: Vec<Step>,
 }
 
-/// What the agents received and thought at a step.
-#[derive(Debug)]
-pub(crate) struct Step {
-    /// `[receiver][sender]`.
-    pub arrived: Vec<Vec<Arrived>>,
-    /// `[agent]`.
-    pub presence: Vec<Presence>,
-    /// Where each thinks the others are that it was not told of just now, `[agent]`.
-    pub ghosts: Vec<Vec<Ghost>>,
-    /// Root mean squared error of what each imputed, `[agent]`; `None` if it imputed nothing.
-    pub errors: Vec<Option<f64>>,
-}
-
-/// What became of an observation that an agent might have received.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Arrived {
-    /// It is there, and was made so many ticks ago.
-    After(u8),
-    /// The links delivered it, but after the deadline.
-    Late,
-    /// Nothing arrives.
-    Lost,
-}
-
 impl Film {
     /// A film without episodes.
     ///
     /// # Errors
     /// `Usage` if there is no such task, or the recording is of a team of another size.
     pub(crate) fn of(name: String, header: RecordingHeader) -> Result<Film> {
-        let spec = Task::parse(&header.task)?.spec().clone();
+        let task = Task::parse(&header.task)?;
+        let spec = task.spec();
         if header.n_agents != spec.n_agents() {
             return Err(usage!("{name} has {} agents, {} has {}", header.n_agents, spec.id, spec.n_agents()));
         }
-        Ok(Film { name, header, places: Places::of(&spec), spec, takes: Vec::new() })
+        Ok(Film { name, header, takes: Vec::new(), steps: Steps::of(&task) })
+    }
+
+    /// What it was played in.
+    pub(crate) fn spec(&self) -> &Spec {
+        &self.steps.spec
     }
 
     /// Takes an episode in, whose number is `number` unless it says another.
@@ -96,7 +78,7 @@ impl Film {
     /// `Usage` if it has no places, or other values than its task.
     pub(crate) fn push(&mut self, number: u64, episode: &Episode) -> Result<()> {
         let number = episode.episode.unwrap_or(number);
-        if !episode.agent_pos.iter().all(|places| places.len() == self.spec.n_agents()) {
+        if !episode.agent_pos.iter().all(|places| places.len() == self.spec().n_agents()) {
             return Err(usage!(
                 "episode {number} of {} tells no places of its agents: there is nothing to see",
                 self.name
@@ -126,59 +108,17 @@ impl Film {
             positions: episode.agent_pos.clone(),
             targets: episode.target_pos.clone(),
             returns,
-            steps: steps.map(|step| self.step(episode, step)).collect::<Option<_>>().ok_or_else(|| {
-                usage!(
-                    "episode {number} of {} has observations or estimates of another length than {} has",
-                    self.name,
-                    self.spec.id
-                )
-            })?,
+            steps: steps.map(|step| self.steps.at(episode, step)).collect::<Option<_>>().ok_or_else(
+                || {
+                    usage!(
+                        "episode {number} of {} has observations or estimates of another length than {} has",
+                        self.name,
+                        self.spec().id
+                    )
+                },
+            )?,
         });
         Ok(())
-    }
-
-    /// What there is to see at a step; `None` if its values are not those of the task.
-    fn step(&self, episode: &Episode, step: usize) -> Option<Step> {
-        let agents = || 0..self.spec.n_agents();
-        let presence: Vec<Presence> = agents().map(|agent| episode.presence(step, agent)).collect();
-        let arrived = |receiver, sender| match episode.age(step, receiver, sender) {
-            Some(age) => Arrived::After(age),
-            None if episode.is_late(step, receiver, sender) => Arrived::Late,
-            None => Arrived::Lost,
-        };
-        let arrived: Vec<Vec<Arrived>> =
-            agents().map(|receiver| agents().map(|sender| arrived(receiver, sender)).collect()).collect();
-        let (mut ghosts, mut errors) = (Vec::new(), Vec::new());
-        for agent in agents() {
-            let estimate = &episode.joint_estimate[step][agent];
-            // It did not decide, or what it thought cannot be computed again.
-            if estimate.is_empty() {
-                ghosts.push(Vec::new());
-                errors.push(None);
-                continue;
-            }
-            if estimate.len() != self.spec.joint_dim() {
-                return None;
-            }
-            let knows = |sender: usize| arrived[agent][sender] == Arrived::After(0);
-            let all = self.places.ghosts(agent, estimate, knows);
-            ghosts.push(all.filter(|ghost| ghost.imputed).collect());
-            let imputed: Vec<usize> = agents().filter(|sender| *sender != agent && !knows(*sender)).collect();
-            errors.push(self.error(estimate, &episode.obs[step], &imputed)?);
-        }
-        Some(Step { arrived, presence, ghosts, errors })
-    }
-
-    /// The error of the imputed parts of an estimate.
-    fn error(&self, estimate: &[f32], observations: &[Vec<f32>], imputed: &[usize]) -> Option<Option<f64>> {
-        let unique = self.spec.unique_dim();
-        let mut sum = 0.0;
-        for sender in imputed {
-            let truth = observations[*sender].get(..unique)?;
-            let found = &estimate[sender * unique..][..unique];
-            sum += found.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
-        }
-        Some((!imputed.is_empty()).then(|| (sum / (imputed.len() * unique) as f64).sqrt()))
     }
 
     /// Whether the agents' side is recorded as well.

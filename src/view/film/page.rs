@@ -4,19 +4,15 @@ use glam::DVec2;
 use maud::{Markup, PreEscaped, html};
 use serde_json::{Value, json};
 
-use super::{Arrived, Film, Take};
+use super::{Film, Take};
 use crate::base::page;
-
-/// Arrivals that are no age, as `docs/formats.md` has them.
-const LATE: u8 = 254;
-const LOST: u8 = 255;
 
 /// Says that there is no ghost.
 const NONE: i16 = i16::MIN;
 
 /// The page of one film, or of several side by side that have the same episodes. At first it shows what `viewer` sees.
 pub(crate) fn page(films: &[Film], viewer: usize) -> String {
-    let task = &films[0].spec.id;
+    let task = &films[0].spec().id;
     let names: Vec<&str> = films.iter().map(|film| &film.name[..]).collect();
     let title = format!("{task}: {}", names.join(" beside "));
     let data = json!({"films": films.iter().map(|of| film(of, viewer)).collect::<Vec<_>>()}).to_string();
@@ -87,7 +83,7 @@ fn controls(film: &Film) -> Markup {
                 "Agent"
                 select #agent {
                     option value="-1" { "all" }
-                    @for (index, agent) in film.spec.agents.iter().enumerate() {
+                    @for (index, agent) in film.spec().agents.iter().enumerate() {
                         option value=(index) { (index) @if agent.name != format!("agent-{index}") { " (" (agent.name) ")" } }
                     }
                 }
@@ -144,8 +140,8 @@ fn film(film: &Film, viewer: usize) -> Value {
     let unit = 1.2 * largest / f64::from(i16::MAX);
     json!({
         "name": film.name,
-        "agents": film.spec.agents.iter().map(|agent| &agent.name).collect::<Vec<_>>(),
-        "dt": film.spec.dt,
+        "agents": film.spec().agents.iter().map(|agent| &agent.name).collect::<Vec<_>>(),
+        "dt": film.spec().dt,
         "unit": unit,
         "viewer": if film.is_of_a_trace() { json!(viewer) } else { json!(-1) },
         "episodes": film.takes.iter().map(|take| episode(take, unit)).collect::<Vec<_>>(),
@@ -174,12 +170,8 @@ fn episode(take: &Take, unit: f64) -> Value {
     }
     let agents = take.positions[0].len();
     let arrived = take.steps.iter().flat_map(|step| step.arrived.iter().flatten());
-    let links = arrived.map(|arrived| match arrived {
-        Arrived::After(age) => *age,
-        Arrived::Late => LATE,
-        Arrived::Lost => LOST,
-    });
-    episode["links"] = base64(&links.collect::<Vec<u8>>()).into();
+    let links: Vec<u8> = arrived.map(|arrived| arrived.code()).collect();
+    episode["links"] = base64(&links).into();
     let mut ghosts = Vec::new();
     for of in take.steps.iter().flat_map(|step| &step.ghosts) {
         let first = ghosts.len();

@@ -2,7 +2,9 @@
 
 use glam::DVec2;
 
-use super::{Arrived, Film, Take};
+use super::{Film, Take};
+use crate::base::colours;
+use crate::recording::Arrived;
 
 /// The side of the picture of one world, and what the words below it take.
 const SIDE: f64 = 360.0;
@@ -88,21 +90,10 @@ impl Ink {
             Ink::Grid => [0xd8_dde3, 0x30_363d],
             Ink::Soft => [0x57_606a, 0x9d_a7b1],
             Ink::Text => [0x24_292f, 0xe6_edf3],
-            Ink::Arrives => [0x1a_7f4b, 0x4a_c97e],
-            Ink::Late => [0xb2_6a00, 0xe3_b341],
-            Ink::Lost => [0xc0_392b, 0xff_7b72],
-            Ink::Agent(agent) => {
-                const AGENTS: [[u32; 2]; 7] = [
-                    [0x00_72b2, 0x56_b4e9],
-                    [0xd5_5e00, 0xe6_9f00],
-                    [0x00_7a59, 0x2f_c99c],
-                    [0xa0_447c, 0xcc_79a7],
-                    [0x44_4444, 0xf0_e442],
-                    [0x6b_7580, 0x9a_a4ae],
-                    [0x3a_7fae, 0xe0_7a5f],
-                ];
-                AGENTS[agent % AGENTS.len()]
-            }
+            Ink::Arrives => colours::ARRIVES,
+            Ink::Late => colours::LATE,
+            Ink::Lost => colours::LOST,
+            Ink::Agent(agent) => colours::agent(agent),
         }
     }
 }
@@ -136,8 +127,9 @@ impl Moment<'_> {
 
     /// What it is, in words.
     pub(super) fn title(&self) -> String {
-        let Film { spec, takes, .. } = &self.films[0];
-        format!("{}, episode {}, step {:.0}", spec.id, takes[self.take].number, self.time.floor())
+        let Film { takes, .. } = &self.films[0];
+        let task = &self.films[0].spec().id;
+        format!("{task}, episode {}, step {:.0}", takes[self.take].number, self.time.floor())
     }
 
     pub(super) fn draw(&self, pen: &mut dyn Pen) {
@@ -189,7 +181,7 @@ impl Moment<'_> {
 
     fn draw_team(&self, pen: &mut dyn Pen, view: &View, film: &Film) {
         let take = &film.takes[self.take];
-        let team = film.spec.n_agents();
+        let team = film.spec().n_agents();
         let at: Vec<DVec2> = (0..team).map(|agent| view.point(take.place(agent, self.time))).collect();
         for target in 0..take.targets.first().map_or(0, Vec::len) {
             let (at, arm) = (view.point(between(&take.targets, target, self.time)), view.size());

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-use crate::environment::{About, Axis, Spec, Unit, Value};
+use super::{About, Axis, Spec, Unit, Value};
 
 /// The dims of a joint observation that say where each agent is.
 ///
