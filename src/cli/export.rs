@@ -18,7 +18,8 @@ Examples:
   vamaro-swarm export runs/hs-0 --out policies/hear-see.safetensors
 
 Weights are rounded to f16; networks still calculate in f32, and `spawn` shows
-no difference in the returns. Every command that reads policies reads such a file.")]
+no difference in the returns. Every command that reads policies reads such a
+file.")]
 pub struct Export {
     /// A policy file, or the folder of a training run
     #[arg(value_name = "FILE|DIR")]

@@ -78,8 +78,7 @@ fn policy(path: &Path) -> Result<Content> {
     let actors = (!is_imputer).then_some((networks.actor, networks.sharing, networks.hidden));
     let (kind, actor) = match actors {
         Some((actor, sharing, hidden)) => {
-            let size = || format!("hidden {hidden}");
-            let about = file.onnx.as_ref().map_or_else(size, onnx_words);
+            let about = file.onnx.as_ref().map_or_else(|| format!("hidden {hidden}"), onnx_words);
             ("policy", format!("{actor}, {sharing}, {about}"))
         }
         None => ("imputer", "none: the team acts elsewhere".to_owned()),
