@@ -69,6 +69,7 @@ fn check(process: &ProcessSettings) -> Result<()> {
     let team = settings.spec.n_agents();
     // With --relay, a message has an observation and an age of everybody.
     let relayed = team.saturating_mul(settings.spec.padded_obs_dim().saturating_add(1));
+    let relayed = if settings.relay { relayed } else { 0 };
     let widest = settings.spec.joint_dim().max(settings.spec.n_actions()).max(relayed);
     let sound = (1..=MAX_AGENTS).contains(&team)
         && address.agents == team

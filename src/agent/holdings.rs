@@ -37,7 +37,12 @@ impl Holdings {
         }
     }
 
-    /// A tick begins.
+    /// Whose these are.
+    pub(crate) fn agent(&self) -> usize {
+        self.agent
+    }
+
+    /// A tick begins: what is held grows older.
     pub(crate) fn begin_tick(&mut self, tick: u64) {
         if tick > self.now + 1 {
             self.forget();

@@ -82,9 +82,11 @@ impl<S: Sample> Mailbox<S> {
     /// than what is `held`.
     pub fn deliver_relayed(&self, world: usize, ages: &[u8], now: &Header, held: &Holdings) -> Inbox<'_> {
         let agents = self.layout.agents;
+        let own = held.agent();
         Inbox::of(agents, |origin| {
-            let all =
-                (0..agents).filter_map(|sender| self.received(sender, origin, world, ages[sender], now));
+            // What comes back of the agent's own is nothing new.
+            let senders = (0..agents).filter(|sender| origin != own || *sender == own);
+            let all = senders.filter_map(|sender| self.received(sender, origin, world, ages[sender], now));
             all.min_by_key(|received| received.age).filter(|received| received.age < held.age(world, origin))
         })
     }

@@ -205,8 +205,13 @@ impl Evaluate {
         let provenance = provenance();
         if let Some(folder) = &self.report {
             let with_page = |replay| film::evaluated(&replay).map(|page| (replay, page));
-            let replays =
-                sweep.replays(&evaluation)?.into_iter().map(with_page).collect::<Result<Vec<_>>>()?;
+            let replays = sweep.replays(&evaluation);
+            let replays = replays.and_then(|replays| replays.into_iter().map(with_page).collect());
+            // What was measured stands without them.
+            let replays: Vec<_> = replays.unwrap_or_else(|error| {
+                tell(&format!("note: the report has no replays: {error}"));
+                Vec::new()
+            });
             report::write(folder, &evaluation, &summary, &replays, &provenance, self.paper)?;
         }
         if self.json {

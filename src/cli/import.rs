@@ -23,14 +23,14 @@ Examples:
 pub struct Import {
     /// State dict of the actors, or a folder with agent.th and network.th
     #[arg(value_name = "FILE|DIR", required_unless_present_any = ["onnx", "toml"],
-          conflicts_with_all = ["onnx", "toml", "predictors"])]
+          conflicts_with_all = ["onnx", "toml"])]
     actors: Option<PathBuf>,
 
-    /// ONNX files of the actors, one for each agent or one that all share; they see the joint estimate and say logits
+    /// ONNX files of the actors, one for each agent or one that all share; they take the joint estimate and return logits
     #[arg(long, value_name = "FILE", num_args = 1..)]
     onnx: Vec<PathBuf>,
 
-    /// What ONNX files see and say, if it is something else, and which they are (docs/onnx.md)
+    /// Description of the ONNX files: names, inputs and outputs (docs/onnx.md)
     #[arg(long, value_name = "FILE")]
     toml: Option<PathBuf>,
 
@@ -39,7 +39,7 @@ pub struct Import {
     task: Option<String>,
 
     /// A predictor and the state dict it is in [default: value-aware=network.th beside the actors]
-    #[arg(long = "predictor", value_name = "NAME=FILE", value_parser = named_file)]
+    #[arg(long = "predictor", value_name = "NAME=FILE", value_parser = named_file, conflicts_with_all = ["onnx", "toml"])]
     predictors: Vec<(String, PathBuf)>,
 
     /// Policy file to write

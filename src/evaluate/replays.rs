@@ -35,7 +35,7 @@ pub struct Replay {
 impl Replay {
     /// The name of its page, beside those of all others of an evaluation.
     pub fn file(&self) -> String {
-        let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
+        let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.()+".contains(c) { c } else { '-' };
         let task: String = self.takes[0].0.task.chars().map(plain).collect();
         let imputer: String = self.imputer.chars().map(plain).collect();
         let which = if self.is_best { "best" } else { "worst" };

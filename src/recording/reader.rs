@@ -59,9 +59,11 @@ impl Reader {
             return Err(Error::io("read", &path, "this program was built without the feature `mcap`"));
         }
         let Recording { mut header, episodes } = read_json(&path)?;
-        // Older files do not say.
+        // Older files do not say; those of agents that relay do, and have ages that are no delays.
         let longest_delay = episodes.iter().map(Episode::longest_delay).max().unwrap_or_default();
-        header.longest_delay = header.longest_delay.max(longest_delay);
+        if !header.relay {
+            header.longest_delay = header.longest_delay.max(longest_delay);
+        }
         let is_trace = episodes.iter().any(|episode| !episode.joint_estimate.is_empty());
         Ok(Reader { header, path, episodes: Episodes::Whole { episodes: episodes.into_iter(), is_trace } })
     }

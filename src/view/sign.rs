@@ -48,6 +48,11 @@ impl Sign {
         AtomicFile::write(&place_in(directory), format!("{:#}\n", serde_json::json!(sign)).as_bytes())
     }
 
+    /// Takes down that in the directory of this process's swarm, which can no longer be watched.
+    pub(super) fn take_down(directory: &Path) {
+        let _ = std::fs::remove_file(place_in(directory));
+    }
+
     /// That of a swarm; `None` if it has none.
     pub(crate) fn of(swarm: &Living) -> Option<Sign> {
         serde_json::from_slice(&regular::read(&place_in(&swarm.root), LONGEST).ok()?).ok()

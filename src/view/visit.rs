@@ -29,7 +29,14 @@ const LOOK: Duration = Duration::from_millis(16);
 /// `Usage` if there is no terminal, or no place for one more; `Interrupted` if the program was asked to stop.
 pub(crate) fn visit(swarm: &Living, facts: Facts) -> Result<Farewell> {
     let mut live = Live::prepare("run top in one")?;
-    let guest = Guest::enter(swarm)?;
+    let guest = match Guest::enter(swarm) {
+        Err(_) if !swarm.is_alive() => {
+            // It ended meanwhile; whoever comes in makes its directory again.
+            leftovers(true)?;
+            return Ok(Farewell::Over);
+        }
+        guest => guest?,
+    };
     let farewell = look_on(swarm, &guest, facts, &mut live);
     // The terminal first: what is shared with a swarm may be gone.
     drop(live);

@@ -1,6 +1,7 @@
 //! The window of a swarm: a thread that shows pictures of it to guests, in other processes of this user.
 
 use std::convert::Infallible;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, bounded};
@@ -33,6 +34,7 @@ pub(crate) struct Window {
 /// What the thread is given to show.
 struct Opening {
     tag: String,
+    directory: PathBuf,
     longest: usize,
     pictures: Pictures,
     /// Where it says that guests can come.
@@ -55,11 +57,13 @@ impl Window {
         let ((opener, openings), (end, done)) = (bounded::<Opening>(1), bounded(0));
         let thread = std::thread::Builder::new().name("window".to_owned()).spawn(move || {
             let _end = end;
-            if let Ok(Opening { tag, longest, pictures, opened }) = openings.recv() {
+            if let Ok(Opening { tag, directory, longest, pictures, opened }) = openings.recv() {
                 let host = Host::open(&tag, longest);
                 let _ = opened.send(host.as_ref().map(drop).map_err(|e| failed!("{e}")));
                 // What fails later leaves guests without pictures, and the swarm alone.
-                let _ = host.and_then(|host| show(&host, &pictures, longest));
+                if host.and_then(|host| show(&host, &pictures, longest)).is_err() {
+                    Sign::take_down(&directory);
+                }
             }
         });
         thread.map_err(|e| failed!("cannot start a thread to show a swarm: {e}"))?;
@@ -79,7 +83,8 @@ impl Window {
         let (pictures, film) = Pictures::new();
         pictures.set_watched(false);
         let (opened, is_open) = bounded(1);
-        let opening = Opening { tag: swarm.tag().to_owned(), longest, pictures, opened };
+        let (tag, directory) = (swarm.tag().to_owned(), swarm.path());
+        let opening = Opening { tag, directory, longest, pictures, opened };
         self.opener
             .take()
             .and_then(|opener| opener.send(opening).ok())

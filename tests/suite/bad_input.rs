@@ -50,7 +50,7 @@ fn requests_that_make_no_sense() {
     fail(
         "spawn --links budget(31)",
         2,
-        &["bytes = 31 is less than an observation of this team has, 32", "give 32 to 64"],
+        &["bytes = 31 is less than a message of this team has, 32", "32, 64"],
     );
     fail("spawn --links jam(9,9)", 2, &["until must be above from = 9"]);
     fail("spawn --links gilbert(loss=0.8,burst=2)", 2, &["burst must be at least loss / (1 - loss) = 4"]);
@@ -191,6 +191,9 @@ fn importing_what_is_no_state_dict() {
     assert!(help.split_whitespace().collect::<Vec<_>>().join(" ").contains("do not say [default: unknown]"));
     fail("import x.th --task no-such-task", 2, &["no-such-task"]);
     fail("import x.th --task SL --predictor value-aware", 2, &["NAME=FILE"]);
+    // Both files are looked for: they go together.
+    fail("import x.th --task SL --predictor value-aware=y.th", 2, &["x.th"]);
+    fail("import --onnx x.onnx --task SL --predictor value-aware=y.th", 2, &["cannot be used with"]);
 }
 
 #[test]

@@ -27,7 +27,7 @@ fn check_times(times: &Value) {
 #[test]
 fn worlds_of_all_tasks_are_measured_unless_some_are_named() {
     let all = json("bench world --seconds 0.1 --rounds 1 --json");
-    assert_eq!(all["tasks"].as_array().unwrap().len(), 10);
+    assert_eq!(all["tasks"].as_array().unwrap().len(), 13);
     let some = json("bench world --tasks SXY-4,spread-blindfold-5 --seconds 0.1 --rounds 1 --json");
     let [first, second] = &some["tasks"].as_array().unwrap()[..] else { panic!("{some}") };
     assert_eq!((&first["task"], &first["agents"]), (&"spread-xy-4".into(), &4.into()));

@@ -114,12 +114,12 @@ fn teams_play_the_same_episodes_as_ours_with_the_same_weights() {
             (
                 played["return_mean"].clone(),
                 played["return_std"].clone(),
-                played["delivered_share"].clone(),
+                played["delivery_rate"].clone(),
                 whole,
             )
         };
         let expected = played(&ours);
-        assert!(expected.0.is_number(), "{expected:?}");
+        assert!(expected.0.is_number() && expected.2.is_number(), "{expected:?}");
         assert_eq!(played(&file(&format!("{name}.toml"))), expected, "{name}");
 
         let kept = folder.path().join("kept.safetensors").display().to_string();
@@ -184,6 +184,8 @@ fn agents_that_act_by_values_play_too() {
     assert!(sampled.is_array());
     assert_eq!(cells("--in-process"), sampled);
     assert_ne!(cells("--in-process --greedy"), sampled);
+    let spawned = json(&format!("spawn --policy {} --episodes 2 --imputer hold --json", path.display()));
+    assert!(spawned["return_mean"].is_number(), "{spawned}");
     fail(&format!("fit {} --out {}", path.display(), folder.path().join("out").display()), 2, &["discrete"]);
 }
 

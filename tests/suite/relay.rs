@@ -100,7 +100,7 @@ fn a_team_learns_with_it() {
 #[test]
 fn what_is_expected_of_relayed_observations_is_known_by_their_age() {
     let found = succeed(
-        "evaluate --task spread-xy-4 --levels 1,0.4 --imputers value-aware --episodes 4 --in-process --relay --json",
+        "evaluate builtin --task spread-xy-4 --levels 1,0.4 --imputers value-aware --episodes 4 --in-process --relay --json",
     );
     let found: serde_json::Value = serde_json::from_str(&found).unwrap();
     assert_eq!(found["settings"]["relay"], true, "{found}");

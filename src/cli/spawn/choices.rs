@@ -85,8 +85,10 @@ impl Spawn {
         let by_values = |agent: usize| matches!(spec.agents[agent].actions, ActionSpace::Box { .. });
         match (0..spec.n_agents()).find(|agent| by_values(*agent) && !is_other(*agent)) {
             None => Ok(source),
+            // ONNX actors can.
+            Some(_) if source.load(spec).is_ok() => Ok(source),
             Some(agent) => Err(usage!(
-                "{} of {} acts by values, and policies choose among discrete actions; give a program of your own for it \
+                "{} of {} acts by values, and our networks choose among discrete actions; give a program of your own for it \
                  with --agent {agent}=COMMAND",
                 spec.agents[agent].name,
                 spec.id

@@ -188,6 +188,10 @@ impl OnnxActor {
         let take = |row: usize, outputs: &[Vec<f32>]| {
             let out = &mut out[row * choices..(row + 1) * choices];
             let (known, unknown) = out.split_at_mut(self.said.1);
+            let length: usize = self.said.0.iter().map(|at| outputs[*at].len()).sum();
+            if length != self.said.1 {
+                return Err(format!("it says {length} values, not {}", self.said.1));
+            }
             let said = self.said.0.iter().flat_map(|at| &outputs[*at]);
             known.iter_mut().zip(said).for_each(|(out, said)| *out = *said);
             unknown.fill(f32::MIN);

@@ -135,7 +135,8 @@ impl Description {
             return Ok(None);
         }
         let text = regular::read_text(path, Self::LARGEST).unwrap_or_default();
-        if text.trim().is_empty() {
+        let says_something = || text.parse::<toml::Table>().is_ok_and(|table| !table.is_empty());
+        if path.extension().is_none_or(|extension| extension != "toml") && !says_something() {
             return Ok(None);
         }
         Description::parse(&text, path).map(Some)

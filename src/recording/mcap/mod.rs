@@ -2,7 +2,7 @@
 //! lists what is in a file.
 //!
 //! The trace is what a compact file holds: its header is a metadata record, each of its episodes an attachment. So it is
-//! read without looking at the channels, and tools that sort, filter or compress the messages leave it as it is.
+//! read without looking at the channels, by whatever tool these were compressed, as long as the header stands first.
 //!
 //! Simulated time passes: step s of the first episode is at s ticks. The next episode begins a tick after the last state
 //! of the one before.
