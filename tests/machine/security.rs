@@ -51,7 +51,9 @@ fn as_user(user: &str, script: &str) -> Option<Output> {
 
 #[test]
 fn all_of_a_swarm_is_for_its_owner_only() {
-    let swarm = Swarm::start("--agents 3 --p 0.5");
+    let mut swarm = Swarm::start("--agents 3 --p 0.5");
+    // Everything is there, and iceoryx2's way of making it is over.
+    assert!(swarm.first_line().contains("3 agents"));
     for name in shared_memory(&swarm.tag) {
         let mode = fs::symlink_metadata(Path::new("/dev/shm").join(&name)).unwrap().mode();
         assert_eq!(mode & 0o077, 0, "{name} has mode {mode:o}");
