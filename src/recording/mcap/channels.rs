@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::messages::{AgentMetrics, Estimate, Estimates, Links, Metrics, Receiver, Time};
 use super::{Out, protobuf, scene, schemas};
 use crate::environment::{Spec, Task};
-use crate::recording::{Arrived, Episode, Step, Steps};
+use crate::recording::{Arrived, Episode, Presence, Step, Steps};
 
 /// Numbers of channels, and what it takes to write to them.
 pub(super) struct Channels {
@@ -151,9 +151,13 @@ fn metrics<'a>(spec: &'a Spec, episode: u64, step: usize, earned: f64, told: Opt
         .then(|| (known.iter().map(|error| error * error).sum::<f64>() / known.len() as f64).sqrt());
     let (mut there, mut arrived) = (0_u32, 0_u32);
     for (receiver, of) in told.arrived.iter().enumerate().filter(|(it, _)| told.presence[*it].decided()) {
-        let others = of.iter().enumerate().filter(|(sender, _)| *sender != receiver);
-        there += told.presence.len() as u32 - 1;
-        arrived += others.filter(|(_, it)| matches!(it, Arrived::After(_))).count() as u32;
+        for (sender, it) in of.iter().enumerate() {
+            // Who is not there sends nothing that could arrive.
+            if sender != receiver && told.presence[sender] != Presence::Absent {
+                there += 1;
+                arrived += u32::from(matches!(it, Arrived::After(_)));
+            }
+        }
     }
     let of = |(agent, (presence, error)): (&'a String, (&_, &Option<f64>))| AgentMetrics {
         agent,
@@ -181,7 +185,11 @@ pub(super) mod tests {
 
     /// The messages of a made-up episode of a task, each with the name of its schema.
     pub(in crate::recording::mcap) fn messages(task: &Task) -> Vec<(String, Value)> {
-        use crate::recording::Presence;
+        messages_without(task, None)
+    }
+
+    /// The same where an agent was absent.
+    fn messages_without(task: &Task, absent: Option<usize>) -> Vec<(String, Value)> {
         let spec = task.spec();
         let (team, places) = (spec.n_agents(), vec![glam::DVec2::new(0.25, -1.5); spec.n_agents()]);
         let arrived = |step: usize| {
@@ -196,7 +204,12 @@ pub(super) mod tests {
             obs: vec![vec![vec![0.5; spec.padded_obs_dim()]; team]; 2],
             team_reward: vec![-1.5, -0.5],
             delivered: (0..2).map(arrived).collect(),
-            presence: vec![vec![Presence::Decided; team]; 2],
+            presence: vec![
+                (0..team)
+                    .map(|agent| if Some(agent) == absent { Presence::Absent } else { Presence::Decided })
+                    .collect();
+                2
+            ],
             joint_estimate: vec![vec![vec![0.125; spec.joint_dim()]; team]; 2],
             ..Episode::default()
         };
@@ -217,5 +230,17 @@ pub(super) mod tests {
                 .then(|| (schema, serde_json::from_slice(&message.data).unwrap()))
         });
         read.flatten().collect()
+    }
+
+    #[test]
+    fn who_is_not_there_is_not_expected_to_be_heard() {
+        let task = Task::parse("spread-blindfold").unwrap();
+        let deliveries = |absent| {
+            let told = messages_without(&task, absent).into_iter();
+            told.filter_map(|(_, message)| message["delivery"].as_f64()).collect::<Vec<_>>()
+        };
+        // At the second step agent i does not hear agent i + 1.
+        assert_eq!(deliveries(None)[1], 4.0 / 6.0);
+        assert_eq!(deliveries(Some(0))[1], 0.5);
     }
 }
