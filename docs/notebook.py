@@ -2,7 +2,7 @@
 # # A team of your own, over links that fail
 #
 # A team is trained with a small PPO on mpe2's `simple_speaker_listener_v4`, frozen, and played over lossy links. Then an imputer is
-# fitted to it, and all imputers are compared. Run it as a script (`python docs/notebook.py`, a quarter of an hour), or cell by cell in
+# fitted to it, and all imputers are compared. Run it as a script (`python docs/notebook.py`, an hour or more), or cell by cell in
 # an editor that knows `# %%`. With `--short` it trains and plays just enough to see that all works; the numbers then say
 # nothing.
 
