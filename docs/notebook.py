@@ -143,7 +143,7 @@ def learn(updates, seed, envs=32, epochs=8, rate=1e-3, discount=0.95, smooth=0.9
 
 
 # %%
-actors = learn(2 if SHORT else 2000, SEED)
+actors = learn(2 if SHORT else 800, SEED)
 
 # %% [markdown]
 # ## The frozen team
@@ -168,7 +168,7 @@ print({agent: (seen.shape, infos[agent]["ages"].tolist()) for agent, seen in obs
 # `fit_imputer` plays the team, and trains a predictor of what each agent will observe.
 
 # %%
-sizes = dict(steps=400, updates=20) if SHORT else dict(steps=100_000, updates=4_000)
+sizes = dict(steps=400, updates=20) if SHORT else dict(steps=50_000, updates=2_000)
 fitted = fit_imputer(make, policy, seed=SEED, out=OUT / "imputer.safetensors", **sizes)
 
 # %% [markdown]

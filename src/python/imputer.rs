@@ -63,8 +63,15 @@ impl Imputer {
             check_worlds(&spec, worlds)?;
             let nobody = PolicySource::Nobody.load(&spec)?;
             let policy = Policy::open(&path, nobody.dims())?;
-            let setup =
-                Setup { spec: &spec, policy: &policy, agent, worlds, longest_delay: oldest, seed: 0, greedy: false };
+            let setup = Setup {
+                spec: &spec,
+                policy: &policy,
+                agent,
+                worlds,
+                longest_delay: oldest,
+                seed: 0,
+                greedy: false,
+            };
             let imputer = Registry::default().make(FITTED, &setup)?;
             Ok(Imputing::new(imputer, agent, JointLayout::of(&spec), worlds))
         };
@@ -78,7 +85,12 @@ impl Imputer {
 
     /// Writes the joint estimates, padded, `f32 [worlds, joint]`: of what the agent itself observes and what has just
     /// arrived, `f32 [worlds, agents, observation]`, where `u8 [worlds, agents]` says how old that is, 255 if nothing arrived.
-    fn fuse(&self, ages: &Bound<PyAny>, observations: &Bound<PyAny>, estimates: &Bound<PyAny>) -> PyResult<()> {
+    fn fuse(
+        &self,
+        ages: &Bound<PyAny>,
+        observations: &Bound<PyAny>,
+        estimates: &Bound<PyAny>,
+    ) -> PyResult<()> {
         let mut imputing = self.imputing()?;
         take(ages, &mut imputing.ages)?;
         take(observations, &mut imputing.observations)?;
