@@ -44,7 +44,6 @@ impl Imputer {
     /// That of agent `agent` among these, in at most `worlds` worlds, where nothing that arrives is older than `oldest`
     /// ticks.
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "the package calls it, by name")]
     #[pyo3(signature = (path, name, agents, *, agent, worlds, oldest))]
     fn new(
         py: Python,
