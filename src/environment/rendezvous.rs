@@ -21,7 +21,7 @@ pub(super) const FAMILY: Family = Family {
 /// Standard deviation of the wind, in units of a full push: it is often stronger than a motor.
 const WIND: f64 = 1.0;
 
-/// That of the motors' errors: in an episode they carry an agent 0.8 m off along each axis.
+/// That of the motors' errors: in an episode they carry an agent 0.7 m off along each axis.
 const MOTOR_NOISE: f64 = 0.8;
 
 /// That of both.
