@@ -126,7 +126,7 @@ impl Fit {
     }
 
     fn fit_dynamics(&self, policy: Policy, task: &Task) -> Result<Policy> {
-        let fitted = fit(task, self.seed, self.episodes)?;
+        let fitted = fit(task, self.seed, self.episodes, signals::check_stop)?;
         let physics = self.physics.if_other();
         print(&format!(
             "{}: dynamics from {}{physics}\n{}",
