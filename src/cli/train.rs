@@ -108,7 +108,14 @@ pub struct Train {
 
     /// What to do when an agent dies or hangs: abort, or restart the team and repeat the episodes it was playing; the result
     /// is bit-identical to an undisturbed run
-    #[arg(long, value_enum, value_name = "WHAT", default_value_t, conflicts_with = "in_process")]
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WHAT",
+        default_value_t,
+        hide_possible_values = true,
+        conflicts_with = "in_process"
+    )]
     on_failure: OnFailure,
 
     /// The longest time between checkpoints, seconds
