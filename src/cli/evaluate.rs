@@ -37,7 +37,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "T")]
     task: Option<String>,
 
-    /// Probabilities of delivery, p; '' for none, where other conditions are given
+    /// Probabilities of delivery, p; '' for none, if other conditions are given
     #[arg(
         long,
         value_name = "LIST",
@@ -52,13 +52,13 @@ pub struct Evaluate {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     modes: Vec<String>,
 
-    /// Links, listed below, as an additional condition; may be given several times. One parameter may be a list of
+    /// Links, listed below, as an additional condition; may be repeated. One parameter may be a list of
     /// values, such as 'gilbert(loss=0.8, burst=[5,10,20])': each value is a condition, and the report compares them
     #[arg(long, value_name = "LINKS|FILE")]
     links: Vec<String>,
 
     /// Kill and stop agents on purpose, as `spawn --chaos` does, as an additional condition. Everything is delivered
-    /// unless links follow after ` at `, such as 'kill=0.01 at p=0.2'; may be given several times
+    /// unless links follow after ` at `, such as 'kill=0.01 at p=0.2'; may be repeated
     #[arg(long, value_name = "CHAOS[ at LINKS]")]
     chaos: Vec<String>,
 
@@ -68,7 +68,7 @@ pub struct Evaluate {
     /// Also play each imputer with an oracle that knows a part of the truth, to see how much of the loss is due to not
     /// knowing it: the state of the agent itself (own), of everybody else who moves (others), of those among them who are
     /// not of the team (targets), of agent K (agent:K), or what does not move (constants: landmarks, colours, messages); may
-    /// be given several times
+    /// be repeated
     #[arg(long, value_name = "own|others|targets|constants|agent:K")]
     substitute: Vec<Truth>,
 
@@ -92,8 +92,8 @@ pub struct Evaluate {
     #[arg(long)]
     no_comm_at_t0: bool,
 
-    /// Have messages also carry the newest that their senders hold of others, with its age; compare with the same
-    /// command without --relay, which plays the same episodes with the same losses
+    /// Agents pass on the newest observation that they hold of each other agent, with its age. The same command without
+    /// --relay plays the same episodes with the same losses
     #[arg(long)]
     relay: bool,
 
@@ -114,8 +114,8 @@ pub struct Evaluate {
     paper: bool,
 
     /// Exit with code 3 unless the low end of the 95 % interval of score, return or iqm reaches this, such as
-    /// 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'; without `imputer=` it is about the imputer that `spawn`
-    /// takes by default; may be given several times
+    /// 'p=0.2 score>=0.9' or 'dynamic imputer=maro return>=-40'; without `imputer=` it means the imputer that
+    /// `spawn` uses by default; may be repeated
     #[arg(long, value_name = "REQUIREMENT")]
     require: Vec<String>,
 

@@ -68,7 +68,7 @@ requirement is not met, 130 interrupted.";
 enum Command {
     /// Start a swarm, play episodes, and report how the team did
     Spawn(spawn::Spawn),
-    /// Watch a swarm that is running, in the terminal
+    /// Watch a running swarm in the terminal
     #[cfg(feature = "view")]
     Top(top::Top),
     /// Train a team with MAPPO or IPPO, and predictors alongside it

@@ -53,12 +53,12 @@ pub struct Train {
     #[arg(long, value_name = "LIST")]
     predictors: Option<String>,
 
-    /// Probability of delivery while the policy trains, or links as `spawn --links` takes them, such as `uniform`: one
-    /// probability drawn per episode [default: 1]
+    /// Probability of delivery while the policy trains, or links as for `spawn --links`, such as `uniform`, which draws one
+    /// probability per episode [default: 1]
     #[arg(long, value_name = "P|LINKS", allow_negative_numbers = true)]
     train_p: Option<String>,
 
-    /// Have messages also carry the newest that their senders hold of others, in training and in its tests
+    /// Agents pass on the newest observation that they hold of each other agent, in training and in its tests
     #[arg(long)]
     relay: bool,
 
@@ -89,12 +89,12 @@ pub struct Train {
     #[arg(long, value_name = "SEEDS")]
     seeds: Option<Seeds>,
 
-    /// With --seeds, how many runs go at the same time; they share the threads
+    /// With --seeds, how many runs train at the same time; they share the threads
     #[arg(long, value_name = "J", default_value_t = 1, requires = "seeds",
         value_parser = clap::value_parser!(u32).range(1..))]
     jobs: u32,
 
-    /// Threads that learn [default: one per core]; the result does not depend on it
+    /// Threads that learn [default: one per core]; their number does not affect the result
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     threads: Option<u32>,
 
@@ -123,7 +123,7 @@ pub struct Train {
         allow_negative_numbers = true)]
     checkpoint_every: f64,
 
-    /// Show what would be done: all settings, time (measured for some seconds), disk and memory; write nothing
+    /// Write nothing; show all settings, and the time (measured in a few seconds), disk and memory that the run would take
     #[arg(long)]
     dry_run: bool,
 

@@ -10,7 +10,7 @@ use super::point_mass::{Plane, Rules, worlds, write};
 use super::{About, ActionSpace, AgentSpec, Axis, Body, Physics, Spec, Value};
 
 pub(super) const FAMILY: Family = Family {
-    summary: "agents see only themselves; wind and unsteady motors carry them off, and they meet wherever they are",
+    summary: "agents see only themselves; wind and noisy motors carry them off, and they must meet, wherever that is",
     named: &[named(3, "rendezvous-3", &[])],
     any_size: Some(AnySize { prefix: "rendezvous-", group: 1 }),
     spec,
