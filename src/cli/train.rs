@@ -268,7 +268,7 @@ impl Train {
         layer
     }
 
-    /// The command line of the run of one seed of a campaign, of which `jobs` go on at the same time.
+    /// The command line that runs one seed of a campaign, in which `jobs` runs go on at the same time.
     fn arguments_for(&self, seed: u64, jobs: usize) -> Result<Vec<OsString>> {
         // A run that has begun knows its task.
         let out = match &self.out {
