@@ -215,6 +215,20 @@ mod tests {
     use crate::environment::PhysicsSpec;
 
     #[test]
+    fn a_fit_ends_when_it_may_not_go_on() {
+        let task = Task::parse("hear-see").unwrap();
+        // Before it plays, while it plays, and while it solves equations.
+        for asked in [0, 10, 30] {
+            let left = std::cell::Cell::new(asked);
+            let go_on = || match left.replace(left.get().saturating_sub(1)) {
+                0 => Err(failed!("enough")),
+                _ => Ok(()),
+            };
+            assert_eq!(fit(&task, 0, 20, go_on).unwrap_err().to_string(), "enough", "{asked}");
+        }
+    }
+
+    #[test]
     fn the_physics_of_the_paper_is_recovered_from_play() {
         for (name, distance) in [
             ("hear-see", None),
