@@ -218,7 +218,7 @@ mod tests {
     fn a_fit_ends_when_it_may_not_go_on() {
         let task = Task::parse("hear-see").unwrap();
         // Before it plays, while it plays, and while it solves equations.
-        for asked in [0, 10, 30] {
+        for asked in [0u32, 10, 30] {
             let left = std::cell::Cell::new(asked);
             let go_on = || match left.replace(left.get().saturating_sub(1)) {
                 0 => Err(failed!("enough")),
