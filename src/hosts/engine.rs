@@ -4,7 +4,7 @@
 //! carries questions and their answers. Then a [`Line`] is opened in it, over which either side sends what it likes: all of it arrives,
 //! in order. Each side is told when the other is gone.
 
-use std::net::{TcpStream, ToSocketAddrs};
+use std::net::{TcpListener, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
@@ -77,8 +77,11 @@ impl Engine {
     pub(super) fn listen(at: &str, key: Option<&Key>) -> Result<Engine> {
         let key = key.map(|key| ("transport/auth/usrpwd/dictionary_file", key.path.to_string_lossy().into()));
         let own = [("mode", "peer".into()), ("listen/endpoints", [at].as_slice().into())];
+        // The engine is short of words, too, for why it cannot.
+        let bound = TcpListener::bind(at.trim_start_matches("tcp/"));
+        drop(bound.map_err(|e| failed!("cannot listen at {at}: {e}; is another host running here?"))?);
         let session = open(own.into_iter().chain(key));
-        Ok(Engine { session: session.map_err(|e| failed!("cannot listen at {at}: {e}"))? })
+        Ok(Engine { session: session.map_err(|e| failed!("cannot listen at {at}: {}", words(&e)))? })
     }
 
     /// Connects to a host that listens at an address.
@@ -96,7 +99,8 @@ impl Engine {
         knock(at).map_err(|e| failed!("cannot be reached: {e}; is `vamaro-swarm host` running there?"))?;
         let session = open(own.into_iter().chain(key));
         Ok(Engine {
-            session: session.map_err(|e| failed!("does not let us in: is its key the same? ({e})"))?,
+            session: session
+                .map_err(|e| failed!("does not let us in: is its key the same? ({})", words(&e)))?,
         })
     }
 
@@ -213,6 +217,11 @@ fn knock(at: &str) -> std::io::Result<()> {
         }
     }
     Err(last)
+}
+
+/// What the engine says of an error, without the places in its source.
+fn words(e: &zenoh::Error) -> String {
+    e.to_string().split(" at /").next().unwrap_or_default().to_owned()
 }
 
 /// Opens a session: nothing is found by itself, nor read from files or the environment.

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
 
-use common::{PROGRAM, Swarm, await_sleeps, children, fail, is_running, stderr, succeed};
+use common::{PROGRAM, await_sleeps, children, fail, is_running, stderr, succeed};
 
 /// A host on this machine, with a folder of its own for its swarms.
 pub struct Host {
@@ -110,34 +110,21 @@ fn a_host_that_dies_is_agents_that_die() {
     let (left, right, folder) =
         (Host::start("left", &[]), Host::start("right", &[]), tempfile::tempdir().unwrap());
     let plan = plan(folder.path(), &[&left, &right], "");
-    let play = |on_failure: &str| {
-        let words = format!("spawn --episodes 10000000 --agents 4 --on-failure {on_failure}");
-        let mut command = common::command(&words);
-        command.arg("--hosts").arg(&plan).stdout(Stdio::null()).stderr(Stdio::piped());
-        let supervisor = command.spawn().unwrap();
-        let deadline = Instant::now() + Duration::from_secs(30);
-        while children(right.process.id()).len() < 2 || children(left.process.id()).len() < 2 {
-            assert!(Instant::now() < deadline, "the swarm does not start");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        await_sleeps(children(left.process.id())[0], 20);
-        supervisor
-    };
+    let words = "--agents 4 --on-failure continue";
     // The supervisor is killed: the hosts notice, and are there for the next.
-    let mut supervisor = play("continue");
+    let mut supervisor = play(&plan, &[&left, &right], words);
     supervisor.kill().unwrap();
     supervisor.wait().unwrap();
     left.assert_empty();
     right.assert_empty();
     // A host is killed: the others play on without it.
-    let supervisor = play("continue");
+    let supervisor = play(&plan, &[&left, &right], words);
     let agents = children(right.process.id());
     kill_process(right.pid(), Signal::KILL).unwrap();
     await_sleeps(children(left.process.id())[0], 50);
     assert!(agents.iter().all(|agent| !is_running(*agent)));
-    kill_process(Pid::from_child(&supervisor), Signal::TERM).unwrap();
-    let output = supervisor.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    let (code, said) = end(supervisor);
+    assert_eq!(code, Some(130), "{said}");
     left.assert_empty();
     // It is missed at the next start.
     let words = format!("spawn --agents 4 --hosts {}", plan.display());
@@ -174,16 +161,31 @@ fn what_cannot_be_is_said_by_name() {
     fail("host --listen 127.0.0.1", 2, &["tcp/192.168.1.11:7447"]);
     fail(&format!("host --listen {}", host.at), 1, &["cannot listen", &host.at]);
     fail(&format!("spawn --hosts {} --wait spin", plan.display()), 2, &["--wait block"]);
-    let busy = Swarm::start(&format!("--agents 4 --hosts {}", split(&folder, &host).display()));
+    let busy = play(&plan, &[&host], "--agents 4");
     fail(&format!("spawn --hosts {}", plan.display()), 1, &["host left", "another swarm"]);
-    drop(busy);
+    assert_eq!(end(busy).0, Some(130));
     host.assert_empty();
 }
 
-/// A plan in which agent 0 alone is on a host.
-fn split(folder: &TempDir, host: &Host) -> PathBuf {
-    let path = folder.path().join("split.toml");
-    let text = format!("[[host]]\nname = \"{}\"\nat = \"{}\"\nagents = [0]\n", host.name, host.at);
-    std::fs::write(&path, text).unwrap();
-    path
+/// Plays for long, and returns once each of these hosts plays.
+fn play(plan: &Path, hosts: &[&Host], words: &str) -> Child {
+    let mut command = common::command(&format!("spawn --episodes 10000000 {words}"));
+    command.arg("--hosts").arg(plan).stdout(Stdio::null()).stderr(Stdio::piped());
+    let supervisor = command.spawn().unwrap();
+    let deadline = Instant::now() + Duration::from_secs(30);
+    for host in hosts {
+        while children(host.process.id()).len() < 2 {
+            assert!(Instant::now() < deadline, "the swarm does not start");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        await_sleeps(children(host.process.id())[0], 20);
+    }
+    supervisor
+}
+
+/// Has a supervisor end; its exit code, and what it said.
+fn end(supervisor: Child) -> (Option<i32>, String) {
+    kill_process(Pid::from_child(&supervisor), Signal::TERM).unwrap();
+    let output = supervisor.wait_with_output().unwrap();
+    (output.status.code(), stderr(&output))
 }
