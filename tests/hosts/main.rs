@@ -167,19 +167,15 @@ fn what_cannot_be_is_said_by_name() {
     host.assert_empty();
 }
 
-/// Plays for long, and returns once each of these hosts plays.
+/// Plays for long; returns once each of these hosts does.
 fn play(plan: &Path, hosts: &[&Host], words: &str) -> Child {
     let mut command = common::command(&format!("spawn --episodes 10000000 {words}"));
-    command.arg("--hosts").arg(plan).stdout(Stdio::null()).stderr(Stdio::piped());
-    let supervisor = command.spawn().unwrap();
-    let deadline = Instant::now() + Duration::from_secs(30);
-    for host in hosts {
-        while children(host.process.id()).len() < 2 {
-            assert!(Instant::now() < deadline, "the swarm does not start");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        await_sleeps(children(host.process.id())[0], 20);
-    }
+    command.arg("--hosts").arg(plan).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut supervisor = command.spawn().unwrap();
+    // It says what it plays when all agents are ready.
+    let first = BufReader::new(supervisor.stdout.take().unwrap()).lines().next();
+    assert!(first.is_some_and(|line| line.unwrap().contains("agents")));
+    hosts.iter().for_each(|host| await_sleeps(children(host.process.id())[0], 20));
     supervisor
 }
 
