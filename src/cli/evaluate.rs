@@ -361,7 +361,9 @@ impl Evaluate {
             (_, Some(task)) => task.clone(),
             (_, None) => return Err(usage!("{name}: for which task? Name it with --task")),
         };
-        let policy = source.load(task.spec())?;
+        let played = task.clone().with_physics(self.physics)?;
+        let names = self.imputers.iter().map(|name| name.trim());
+        let policy = Registry::default().told(source.load(task.spec())?, &played, names)?;
         let imputers = self.imputers_of(&policy, &task).map_err(|error| usage!("{name}: {error}"))?;
         Ok(Entrant::new(name, source, policy, task, imputers))
     }

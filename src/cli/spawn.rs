@@ -233,7 +233,7 @@ impl Spawn {
         let scene = self.find_scene()?;
         let source = self.find_policy(&scene.spec)?;
         let links = self.find_links(&scene)?;
-        let policy = source.load(&scene.spec)?;
+        let policy = self.load(&source, &scene)?;
         let settings = self.settings(&scene, &links, source, &policy)?;
         #[cfg_attr(not(feature = "view"), expect(unused_mut))]
         let mut onlookers = Onlookers {

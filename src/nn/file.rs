@@ -31,6 +31,8 @@ pub struct PolicyFile {
     pub networks: Networks,
     /// The dynamics of the environment, if they have been fitted.
     pub dynamics: Option<Dynamics>,
+    /// The dynamics of the physics that is played, where imputers are told them.
+    pub(super) given: Option<Dynamics>,
     /// What its actors see and say, if they are ONNX files.
     pub onnx: Option<OnnxSpec>,
     /// Names, shapes and places of its tensors, by name.
@@ -74,6 +76,7 @@ impl PolicyFile {
                 meta: description.meta(),
                 networks: description.networks(),
                 dynamics: None,
+                given: None,
                 onnx: Some(description.actor),
                 tensors: Vec::new(),
                 graphs: Vec::new(),
@@ -105,7 +108,7 @@ impl PolicyFile {
         let none = HashMap::new();
         let words = Words { words: content.metadata().as_ref().unwrap_or(&none), source };
         let (meta, networks) = words.read()?;
-        let dynamics = words.dynamics()?;
+        let (dynamics, given) = (words.dynamics("dynamics")?, words.dynamics("given")?);
         let onnx = match networks.actor {
             ActorKind::Onnx => Some(OnnxSpec::from_json(words.text("onnx")?, source)?),
             ActorKind::Mlp | ActorKind::Gru => None,
@@ -131,7 +134,16 @@ impl PolicyFile {
         }
         tensors.sort_by(|a, b| a.name.cmp(&b.name));
         graphs.sort_by(|(a, _), (b, _)| a.cmp(b));
-        Ok(PolicyFile { meta, networks, dynamics, onnx, tensors, graphs, data: size_of::<u64>() + header })
+        Ok(PolicyFile {
+            meta,
+            networks,
+            dynamics,
+            given,
+            onnx,
+            tensors,
+            graphs,
+            data: size_of::<u64>() + header,
+        })
     }
 
     /// The ONNX files among all its `bytes`, in the order of [`Networks::graph_names`].
@@ -196,6 +208,7 @@ pub(super) struct About<'a> {
     pub meta: &'a Meta,
     pub networks: &'a Networks,
     pub dynamics: Option<&'a Dynamics>,
+    pub given: Option<&'a Dynamics>,
     pub onnx: Option<&'a OnnxSpec>,
 }
 
@@ -277,7 +290,7 @@ fn write_all(
 
 /// The metadata of a policy file.
 fn words(about: &About) -> BTreeMap<&'static str, String> {
-    let About { meta, networks, dynamics, onnx } = about;
+    let About { meta, networks, dynamics, given, onnx } = about;
     let mut words = BTreeMap::from([
         ("format", FORMAT.to_string()),
         ("version", VERSION.to_string()),
@@ -293,6 +306,7 @@ fn words(about: &About) -> BTreeMap<&'static str, String> {
         ("predictors", json!(networks.predictors).to_string()),
     ]);
     words.extend(dynamics.map(|dynamics| ("dynamics", json!(dynamics).to_string())));
+    words.extend(given.map(|given| ("given", json!(given).to_string())));
     words.extend(onnx.map(|onnx| ("onnx", json!(onnx).to_string())));
     words
 }
@@ -344,10 +358,10 @@ impl Words<'_> {
         }
     }
 
-    fn dynamics(&self) -> Result<Option<Dynamics>> {
+    fn dynamics(&self, key: &str) -> Result<Option<Dynamics>> {
         let read = |text: &String| serde_json::from_str(text);
-        let dynamics = self.words.get("dynamics").map(read).transpose();
-        dynamics.map_err(|error| failed!("{}: cannot read `dynamics` in its metadata: {error}", self.source))
+        let dynamics = self.words.get(key).map(read).transpose();
+        dynamics.map_err(|error| failed!("{}: cannot read `{key}` in its metadata: {error}", self.source))
     }
 
     fn text(&self, key: &str) -> Result<&str> {

@@ -7,8 +7,18 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// The imputers of this library that are no predictors: none can be called like one.
-pub(crate) const NAMED_OTHERWISE: [&str; 8] =
-    ["dynamics", "hold", "kalman", "particles", "shared-dice", "teammates", "velocity", "zero"];
+pub(crate) const NAMED_OTHERWISE: [&str; 10] = [
+    "dynamics",
+    "given-dynamics",
+    "given-teammates",
+    "hold",
+    "kalman",
+    "particles",
+    "shared-dice",
+    "teammates",
+    "velocity",
+    "zero",
+];
 
 /// The networks of a policy: the actors of all agents and any number of predictors.
 #[derive(Clone, Debug, PartialEq)]

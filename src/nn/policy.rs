@@ -26,6 +26,7 @@ pub struct Policy {
     meta: Meta,
     networks: Networks,
     dynamics: Option<Dynamics>,
+    given: Option<Dynamics>,
     dims: Dims,
     tensors: Vec<(TensorSpec, Tensor)>,
     /// The ONNX files that are its actors, if they are.
@@ -184,7 +185,7 @@ impl Policy {
     fn with(&self, networks: Networks, values: &[f32]) -> Result<Policy> {
         let policy =
             Policy::with_graphs(&self.dims, self.meta.clone(), networks, values, self.graphs.clone())?;
-        Ok(Policy { dynamics: self.dynamics.clone(), ..policy })
+        Ok(Policy { dynamics: self.dynamics.clone(), given: self.given.clone(), ..policy })
     }
 
     /// This policy, of which that is said.
@@ -196,6 +197,11 @@ impl Policy {
     /// This policy with the dynamics of the environment that it is for.
     pub(crate) fn with_dynamics(self, dynamics: Dynamics) -> Policy {
         Policy { dynamics: Some(dynamics), ..self }
+    }
+
+    /// This policy with the dynamics of the physics that is played, for imputers that are told them.
+    pub(crate) fn with_given(self, given: Dynamics) -> Policy {
+        Policy { given: Some(given), ..self }
     }
 
     /// Writes the policy to `path`, where there is always the old file or the new one.
@@ -232,6 +238,7 @@ impl Policy {
             meta: &self.meta,
             networks: &self.networks,
             dynamics: self.dynamics.as_ref(),
+            given: self.given.as_ref(),
             onnx: self.graphs.as_ref().map(|graphs| &graphs.spec),
         };
         let names = self.networks.graph_names(&self.dims).into_iter();
@@ -251,8 +258,11 @@ impl Policy {
     }
 
     /// Whether its weights are in memory once for all processes that run steps of so many rows: mapped, or part of the
-    /// program, and not to be converted.
+    /// program, and not to be converted. What imputers are told of the physics is in this process only.
     pub(crate) fn is_shared(&self, rows: usize) -> bool {
+        if self.given.is_some() {
+            return false;
+        }
         let in_place = |tensor: &Tensor| run_on_halves(rows) || tensor.halves().is_none();
         self.tensors.iter().all(|(_, tensor)| tensor.storage.is_shared() && in_place(tensor))
     }
@@ -285,6 +295,11 @@ impl Policy {
     /// The dynamics of its environment, if they have been fitted.
     pub fn dynamics(&self) -> Option<&Dynamics> {
         self.dynamics.as_ref()
+    }
+
+    /// The dynamics of the physics that is played, if imputers are told them.
+    pub(crate) fn given(&self) -> Option<&Dynamics> {
+        self.given.as_ref()
     }
 
     /// What networks it is made of.
@@ -382,7 +397,7 @@ impl Policy {
         dims: &Dims,
         source: &str,
     ) -> Result<Policy> {
-        let PolicyFile { meta, networks, dynamics, tensors: found, .. } = file;
+        let PolicyFile { meta, networks, dynamics, given, tensors: found, .. } = file;
         check_task(&meta.task, dims, source)?;
         networks.check_fit(dims).map_err(|error| failed!("{source}: {error}"))?;
         let specs = networks.tensors(dims);
@@ -405,7 +420,7 @@ impl Policy {
             let range = start..start + spec.n_values();
             tensors.push((spec, Tensor::new(storage.clone(), range, tensor.precision)));
         }
-        Ok(Policy { dynamics, ..Policy::assemble(dims, meta, networks, tensors, graphs, source)? })
+        Ok(Policy { dynamics, given, ..Policy::assemble(dims, meta, networks, tensors, graphs, source)? })
     }
 
     /// This policy, unless one of its values is not finite.
@@ -448,7 +463,8 @@ impl Policy {
         };
         let actors = (0..dims.n_agents).map(actor).collect::<Result<_>>()?;
         let predictors = networks.predictors.iter().map(predictor).collect();
-        Ok(Policy { meta, networks, dynamics: None, dims: dims.clone(), tensors, graphs, actors, predictors })
+        let dims = dims.clone();
+        Ok(Policy { meta, networks, dynamics: None, given: None, dims, tensors, graphs, actors, predictors })
     }
 }
 

@@ -25,10 +25,12 @@ impl Rerun {
     pub(crate) fn new(file: &Path, header: &RecordingHeader, source: Option<&PolicySource>) -> Result<Rerun> {
         let task = Task::parse(&header.task)?;
         let spec = task.spec();
-        let policy = find_policy(file, header, source, spec)?;
+        let (registry, policy) = (Registry::default(), find_policy(file, header, source, spec)?);
+        let played = task.clone().with_physics(header.physics)?;
+        let policy = registry.told(policy, &played, header.imputer.as_deref().into_iter())?;
         let seed = header.seed.unwrap_or_default();
         let settings = AgentSettings {
-            imputer: Registry::default().choose(header.imputer.as_deref(), &policy)?,
+            imputer: registry.choose(header.imputer.as_deref(), &policy)?,
             longest_delay: header.longest_delay,
             relay: header.relay,
             seed,

@@ -68,8 +68,12 @@ pub struct Config {
     /// `batch_episodes`.
     pub update_every: usize,
     /// Probability that an observation is delivered while the policy trains, or links, such as `"uniform"`: one level
-    /// per episode. Below 1 the first of the predictors imputes.
+    /// per episode. Below 1 `train_imputer` imputes.
     pub train_p: TrainP,
+    /// What imputes while the policy trains: a predictor, or `zero`, `hold` or `velocity`. Empty for the first of the
+    /// predictors; written down if not.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub train_imputer: String,
     /// Whether messages also carry the newest that their senders hold of others, in training and in its tests; written
     /// down if so.
     #[serde(default, skip_serializing_if = "is_false")]
@@ -278,14 +282,20 @@ impl Config {
     /// What imputes while the policy trains: nothing has to where everything is delivered.
     pub(crate) fn imputer(&self) -> String {
         match self.predictors.first() {
+            _ if !self.train_imputer.is_empty() => self.train_imputer.clone(),
             Some(name) if !self.everything_arrives() => name.clone(),
             _ => "hold".to_owned(),
         }
     }
 
-    /// What is tested: every predictor, or, where none learns, holding what was received last.
+    /// What is tested: every predictor, and what imputes in training by a name of its own. Where there is neither,
+    /// holding what was received last.
     pub(crate) fn tested_imputers(&self) -> Vec<String> {
-        if self.predictors.is_empty() { vec!["hold".to_owned()] } else { self.predictors.clone() }
+        let mut imputers = self.predictors.clone();
+        if imputers.is_empty() || !self.train_imputer.is_empty() && !imputers.contains(&self.train_imputer) {
+            imputers.push(self.imputer());
+        }
+        imputers
     }
 
     /// Whether predictors see what their agent does.
@@ -302,6 +312,7 @@ impl Config {
     fn to_table(&self) -> Table {
         let mut table = Table::try_from(self).expect("a configuration is a table");
         table.insert("relay".to_owned(), self.relay.into());
+        table.insert("train_imputer".to_owned(), self.train_imputer.clone().into());
         table
     }
 
@@ -419,6 +430,7 @@ mod tests {
             (&[("gamma", "1.01")], "`gamma` is 1.01"),
             (&[("train_p", "2")], "`train_p` is 2"),
             (&[("train_p", "0.5"), ("predictors", "[]")], "needs a predictor"),
+            (&[("train_imputer", "maro"), ("predictors", "value-aware")], "`train_imputer` is maro"),
             (&[("predictors", "kalman")], "there is no predictor `kalman`"),
             (&[("predictors", "maro,maro")], "two predictors are called"),
             (&[("update_every", "11")], "`update_every` is 11"),

@@ -8,6 +8,9 @@ use crate::usage;
 /// Beyond this a test would take longer than training, by mistake.
 const MOST_TEST_EPISODES: u64 = 1_000_000;
 
+/// What can impute in training and needs nothing of a policy.
+const WITHOUT_A_POLICY: [&str; 3] = ["zero", "hold", "velocity"];
+
 impl Config {
     /// Says what makes no sense.
     pub(super) fn check(&self) -> Result<()> {
@@ -72,12 +75,23 @@ impl Config {
                     "`train_p` is {p}, expected a probability from 0 to 1, or links such as \"uniform\""
                 ));
             }
-            _ if !self.everything_arrives() && self.predictors.is_empty() => {
+            _ if !self.everything_arrives()
+                && self.predictors.is_empty()
+                && self.train_imputer.is_empty() =>
+            {
                 return Err(usage!(
-                    "`train_p` below 1 needs a predictor that imputes what is lost; name one in `predictors`"
+                    "`train_p` below 1 needs a predictor that imputes what is lost; name one in `predictors`, or another \
+                     imputer in `train_imputer`"
                 ));
             }
             _ => {}
+        }
+        let name = &self.train_imputer;
+        if !(name.is_empty() || WITHOUT_A_POLICY.contains(&&name[..]) || self.predictors.contains(name)) {
+            return Err(usage!(
+                "`train_imputer` is {name}, expected one of `predictors`, or one of {}",
+                WITHOUT_A_POLICY.join(", ")
+            ));
         }
         if self.update_every > self.batch_episodes {
             return Err(usage!(

@@ -40,6 +40,7 @@ impl Config {
             batch_episodes: 10,
             update_every: 10,
             train_p: TrainP::Level(1.0),
+            train_imputer: String::new(),
             relay: false,
             predictors: vec!["value-aware".to_owned(), "maro".to_owned()],
             predictor_updates: 1,

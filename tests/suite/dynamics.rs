@@ -44,6 +44,29 @@ fn imputers_differ_in_what_they_know() {
 }
 
 #[test]
+fn who_is_told_the_physics_plays_as_after_a_fit_to_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (light, trace) = (path("light.safetensors"), path("run.trace"));
+    let physics = "--physics mass=0.8,motor_noise=0.1";
+    succeed(&format!("fit spread-xy-4/seed-0 --physics mass=0.8 --episodes 300 --out {light}"));
+    for (given, fitted) in [("given-dynamics", "dynamics"), ("given-teammates", "teammates")] {
+        let refitted =
+            mean_return("spread-xy-4", fitted, 0.0, &format!("--in-process {physics} --policy {light}"));
+        let told = mean_return("spread-xy-4", given, 0.0, &format!("--in-process {physics}"));
+        assert_eq!(told, refitted);
+        assert_ne!(told, mean_return("spread-xy-4", fitted, 0.0, &format!("--in-process {physics}")));
+    }
+    // Processes are told it too, and so is who thinks again what they thought.
+    let told =
+        |options: &str| mean_return("spread-xy-2", "given-dynamics", 0.0, &format!("{physics} {options}"));
+    assert_eq!(told(&format!("--record {trace}")), told("--in-process"));
+    succeed(&format!("verify {trace}"));
+    let untold = "bench imputers --task spread-xy-2 --imputers given-dynamics";
+    fail(untold, 2, &["nobody knows the physics of spread-xy-2 here", "`spawn` and `evaluate`"]);
+}
+
+#[test]
 fn what_arrives_late_tells_agents_where_they_are() {
     for task in ["hear-see", "spread-xy-2", "spread-xy-4"] {
         let [learned, dynamics, teammates, deaf] =

@@ -112,6 +112,21 @@ fn training_raises_returns() {
 }
 
 #[test]
+fn a_policy_can_learn_without_a_predictor_that_imputes_for_it() {
+    let folder = Folder::new();
+    let dropout = "--task hear-see --steps 3000 --train-p 0.3 --predictors none --set train_imputer=zero";
+    let processes = folder.train("processes", dropout);
+    let here = folder.train("here", &format!("{dropout} --in-process"));
+    assert_same(&processes, &here);
+    let (metrics, config) = (result(&here).0, fs::read_to_string(here.join("config.toml")).unwrap());
+    assert!(metrics.contains("zero/test_p=0_return_mean") && !metrics.contains("hold/"), "{metrics}");
+    assert!(config.contains("train_imputer = \"zero\""), "{config}");
+    let holding = folder.train("hold", &format!("{dropout} --in-process").replace("zero", "hold"));
+    let without = |metrics: &str| metrics.lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
+    assert_ne!(without(&metrics), without(&result(&holding).0), "what imputes changes what is learned");
+}
+
+#[test]
 fn predictors_that_see_the_own_action_hold_to_the_same_promises() {
     let folder = Folder::new();
     let acting =

@@ -1,6 +1,6 @@
 //! An agent knows what it did: its own state follows from that, wherever it is observed.
 
-use super::motion::{Motion, fitted};
+use super::motion::{Known, Motion};
 use super::{Imputer, Setup, Step};
 use crate::agent::Inbox;
 use crate::base::error::Result;
@@ -16,13 +16,12 @@ pub(super) struct OwnDynamics {
 }
 
 impl OwnDynamics {
-    /// With the dynamics of the policy.
+    /// With dynamics that are known in this way.
     ///
     /// # Errors
-    /// `Usage` if the policy has no dynamics, or not of this environment.
-    pub(super) fn new(setup: &Setup, others: Box<dyn Imputer>) -> Result<OwnDynamics> {
-        let motion = Motion::new(setup, fitted(setup)?, vec![setup.agent], 1)?.learning();
-        Ok(OwnDynamics { others, motion })
+    /// `Usage` if they are not known, or not those of this environment.
+    pub(super) fn new(setup: &Setup, others: Box<dyn Imputer>, known: Known) -> Result<OwnDynamics> {
+        Ok(OwnDynamics { others, motion: Motion::of(setup, known, vec![setup.agent], 1)? })
     }
 
     /// The mean of a Kalman filter whose model is a constant velocity, with the own action as the control input. Places
@@ -32,7 +31,7 @@ impl OwnDynamics {
     /// # Errors
     /// `Usage` if the policy has no dynamics, or not of this environment.
     pub(super) fn constant_velocity(setup: &Setup, others: Box<dyn Imputer>) -> Result<OwnDynamics> {
-        let model = Dynamics { keep: 1.0, contact: None, ..fitted(setup)? };
+        let model = Dynamics { keep: 1.0, contact: None, ..Known::Fitted.dynamics(setup)? };
         let everybody = (0..setup.spec.n_agents()).collect();
         Ok(OwnDynamics { others, motion: Motion::new(setup, model, everybody, 1)? })
     }
@@ -82,7 +81,7 @@ mod tests {
         let task = Task::parse("spread-xy-2").unwrap();
         let policy = PolicySource::Builtin.load(task.spec()).unwrap();
         let setup = Setup::of(task.spec(), &policy, 0);
-        let mut imputer = OwnDynamics::new(&setup, Box::new(Hold::new(&setup))).unwrap();
+        let mut imputer = OwnDynamics::new(&setup, Box::new(Hold::new(&setup)), Known::Fitted).unwrap();
         imputer.begin_episodes(1);
         let (mut estimate, mut velocity) = (vec![0.0; task.spec().joint_dim()], 0.0f32);
         // Its place along x, far from its teammate's, so that they do not touch, and its velocity.

@@ -74,8 +74,20 @@ impl Motion {
         })
     }
 
+    /// By dynamics that are known in this way. Fitted ones give way to what the agent sees of its own motion.
+    ///
+    /// # Errors
+    /// `Usage` if they are not known, or nobody's velocity is observed.
+    pub(super) fn of(setup: &Setup, known: Known, moved: Vec<usize>, n_beliefs: usize) -> Result<Motion> {
+        let motion = Motion::new(setup, known.dynamics(setup)?, moved, n_beliefs)?;
+        Ok(match known {
+            Known::Fitted => motion.learning(),
+            Known::Given => motion,
+        })
+    }
+
     /// The same, with a law that follows what the agent sees of its own motion.
-    pub(super) fn learning(mut self) -> Motion {
+    fn learning(mut self) -> Motion {
         let rows = self.beliefs.len() / self.layout.joint();
         let learner = Learner::new(self.dynamics.law(), rows / self.n_beliefs);
         self.learning = Some((learner, Slopes::new(rows, self.layout.predicted())));
@@ -278,13 +290,35 @@ impl Motion {
     }
 }
 
-/// The dynamics in the policy file.
-///
-/// # Errors
-/// `Usage` if it has none, or not of this environment.
-pub(super) fn fitted(setup: &Setup) -> Result<Dynamics> {
-    let dynamics = setup.policy.dynamics().filter(|dynamics| dynamics.fits(setup.spec));
-    dynamics.cloned().ok_or_else(|| no_dynamics(&setup.spec.id))
+/// How an imputer knows the dynamics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Known {
+    /// They are in the policy file, and it sees for itself whether another law holds.
+    Fitted,
+    /// It is told those of the physics that is played: a ceiling.
+    Given,
+}
+
+impl Known {
+    /// The dynamics it knows.
+    ///
+    /// # Errors
+    /// `Usage` if the policy has none, or not of this environment.
+    pub(super) fn dynamics(self, setup: &Setup) -> Result<Dynamics> {
+        let (dynamics, none) = match self {
+            Known::Fitted => (setup.policy.dynamics(), no_dynamics as fn(&str) -> Error),
+            Known::Given => (setup.policy.given(), not_given as fn(&str) -> Error),
+        };
+        let dynamics = dynamics.filter(|dynamics| dynamics.fits(setup.spec));
+        dynamics.cloned().ok_or_else(|| none(&setup.spec.id))
+    }
+}
+
+/// What an imputer that is told the physics is told where nobody can tell it.
+pub(super) fn not_given(task: &str) -> Error {
+    usage!(
+        "nobody knows the physics of {task} here; `spawn` and `evaluate` tell imputers that of tasks of this program"
+    )
 }
 
 /// What an imputer that moves things is told of a policy without dynamics.

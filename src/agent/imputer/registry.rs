@@ -6,13 +6,15 @@ use std::sync::Arc;
 use super::dynamics::OwnDynamics;
 use super::hold::Hold;
 use super::imagined::Guess;
-use super::motion::no_dynamics;
+use super::motion::{Known, no_dynamics, not_given};
 use super::predictor::Prediction;
 use super::teammates::Teammates;
 use super::velocity::Velocity;
 use super::zero::Zero;
 use super::{Imputer, Setup};
 use crate::base::error::Result;
+use crate::dynamics::fit;
+use crate::environment::{PhysicsSpec, Task};
 use crate::nn::Policy;
 use crate::usage;
 
@@ -25,6 +27,9 @@ pub const PREFERRED: &str = "value-aware";
 
 /// Beliefs about each world of the imputer `particles`.
 const PARTICLES: usize = 16;
+
+/// Episodes to which the dynamics that imputers are told are fitted. That takes a tenth of a second.
+const GIVEN_EPISODES: u64 = 300;
 
 /// The imputers that a program knows by name, beside the predictors of a policy, which go by their own names.
 ///
@@ -48,8 +53,8 @@ struct Entry {
 enum Make {
     /// It imputes everything.
     Alone(Arc<MakeAlone>),
-    /// It moves what the dynamics in the policy file move.
-    WithDynamics(MakeWithDynamics),
+    /// It moves what dynamics move, which it knows in this way.
+    WithDynamics(Known, MakeWithDynamics),
 }
 
 type MakeAlone = dyn Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync;
@@ -65,7 +70,17 @@ impl Default for Registry {
                 "dynamics",
                 "the own state from the own actions and the dynamics in the policy file, the rest by the policy's best \
                  predictor",
-                |setup, rest| Ok(Box::new(OwnDynamics::new(setup, rest)?)),
+                |setup, rest| Ok(Box::new(OwnDynamics::new(setup, rest, Known::Fitted)?)),
+            )
+            .with_given(
+                "given-dynamics",
+                "like dynamics, but told the physics that is played: a ceiling",
+                |setup, rest| Ok(Box::new(OwnDynamics::new(setup, rest, Known::Given)?)),
+            )
+            .with_given(
+                "given-teammates",
+                "like teammates, but told the physics that is played: a ceiling",
+                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Mean, Known::Given)?)),
             )
             .with_imputer("hold", "the last value received", |setup| Ok(Box::new(Hold::new(setup))))
             .with_dynamics(
@@ -76,19 +91,19 @@ impl Default for Registry {
             .with_dynamics(
                 "particles",
                 "like teammates, but the weighted mean of 16 beliefs with sampled actions of teammates",
-                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Drawn(PARTICLES))?)),
+                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Drawn(PARTICLES), Known::Fitted)?)),
             )
             .only_on_request()
             .with_dynamics(
                 "shared-dice",
                 "like teammates, but with the teammates' own random draws, from a seed that all share: a bound, not a method",
-                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::SharedDice)?)),
+                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::SharedDice, Known::Fitted)?)),
             )
             .only_on_request()
             .with_dynamics(
                 "teammates",
                 "like dynamics, and teammates act as their actors in the policy file would on this agent's estimate",
-                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Mean)?)),
+                |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Mean, Known::Fitted)?)),
             )
             .with_imputer(
                 "velocity",
@@ -127,9 +142,22 @@ impl Registry {
         self.entries.push(Entry {
             name,
             description,
-            make: Make::WithDynamics(make),
+            make: Make::WithDynamics(Known::Fitted, make),
             only_on_request: false,
         });
+        self
+    }
+
+    /// As [`with_dynamics`](Registry::with_dynamics), of the physics that is played. No evaluation plays it unless it is
+    /// asked for.
+    fn with_given(
+        mut self,
+        name: &'static str,
+        description: &'static str,
+        make: MakeWithDynamics,
+    ) -> Registry {
+        let make = Make::WithDynamics(Known::Given, make);
+        self.entries.push(Entry { name, description, make, only_on_request: true });
         self
     }
 
@@ -145,7 +173,7 @@ impl Registry {
     pub fn names<'a>(&'a self, policy: &'a Policy) -> impl Iterator<Item = &'a str> {
         let needs = |entry: &&Entry| match entry.make {
             Make::Alone(_) => true,
-            Make::WithDynamics(_) => policy.dynamics().is_some(),
+            Make::WithDynamics(..) => policy.dynamics().is_some(),
         };
         let entries = self.entries.iter().filter(|entry| !entry.only_on_request).filter(needs);
         policy.predictor_names().chain(entries.map(|entry| entry.name))
@@ -182,16 +210,44 @@ impl Registry {
             }
         }
         match (rest, self.entry(outer).map(|entry| &entry.make)) {
-            (_, Some(Make::WithDynamics(_))) if policy.dynamics().is_none() => {
+            (_, Some(Make::WithDynamics(Known::Fitted, _))) if policy.dynamics().is_none() => {
                 return Err(no_dynamics(&policy.dims().task));
             }
-            (Some(rest), Some(Make::WithDynamics(_))) => self.choose(Some(rest), policy).map(drop)?,
+            (_, Some(Make::WithDynamics(Known::Given, _))) if policy.given().is_none() => {
+                return Err(not_given(&policy.dims().task));
+            }
+            (Some(rest), Some(Make::WithDynamics(..))) => self.choose(Some(rest), policy).map(drop)?,
             (Some(_), _) => {
                 return Err(usage!("`{name}`: the imputer `{outer}` takes no other imputer in parentheses"));
             }
             (None, _) => {}
         }
         Ok(name.to_owned())
+    }
+
+    /// This policy, told the dynamics of the physics of `task` if one of these imputers asks for them: fitted to play
+    /// without the noise of motors and wind, they are exact.
+    ///
+    /// # Errors
+    /// As [`fit`].
+    pub(crate) fn told<'a>(
+        &self,
+        policy: Policy,
+        task: &Task,
+        mut names: impl Iterator<Item = &'a str>,
+    ) -> Result<Policy> {
+        if !names.any(|name| self.needs_given(name)) {
+            return Ok(policy);
+        }
+        let calm = PhysicsSpec { motor_noise: 0.0, wind: 0.0, ..*task.physics() };
+        Ok(policy.with_given(fit(&task.clone().with_physics(calm)?, 0, GIVEN_EPISODES)?.dynamics))
+    }
+
+    fn needs_given(&self, name: &str) -> bool {
+        let (outer, rest) = parts(name).unwrap_or((name, None));
+        let known = self.entry(outer).map(|entry| &entry.make);
+        matches!(known, Some(Make::WithDynamics(Known::Given, _)))
+            || rest.is_some_and(|rest| self.needs_given(rest))
     }
 
     /// Makes the imputer called `name`.
@@ -203,7 +259,7 @@ impl Registry {
         let (outer, rest) = parts(name)?;
         match self.entry(outer).map(|entry| &entry.make) {
             Some(Make::Alone(make)) => make(setup),
-            Some(Make::WithDynamics(make)) => {
+            Some(Make::WithDynamics(_, make)) => {
                 let rest = rest.or_else(|| best_predictor(setup.policy)).unwrap_or("hold");
                 make(setup, self.make(rest, setup)?)
             }
@@ -232,7 +288,7 @@ impl Registry {
             nearest.unwrap_or_default(),
             if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
             named(|make| matches!(make, Make::Alone(_))),
-            named(|make| matches!(make, Make::WithDynamics(_)))
+            named(|make| matches!(make, Make::WithDynamics(..)))
         )
     }
 }

@@ -2,14 +2,14 @@
 
 use super::actors::Actors;
 use super::imagined::{Dice, Guess, Teammate};
-use super::motion::{Motion, fitted};
+use super::motion::{Known, Motion};
 use super::particles::Weights;
 use super::{Imputer, Setup, Step};
 use crate::agent::Inbox;
 use crate::base::error::Result;
 use crate::usage;
 
-/// Everybody is moved on by the dynamics that the policy file holds: the agent itself by the action that was carried out,
+/// Everybody is moved on by dynamics: the agent itself by the action that was carried out,
 /// each teammate by what its actor, which sees what *this* agent believes, makes probable, in the light of what is seen of
 /// its motion afterwards. What the dynamics do not move another imputer says.
 #[derive(Debug)]
@@ -27,12 +27,17 @@ pub(super) struct Teammates {
 }
 
 impl Teammates {
-    /// With the dynamics and the actors of the policy.
+    /// With the actors of the policy, and dynamics that are known in this way.
     ///
     /// # Errors
-    /// `Usage` if the policy has no dynamics, or not of this environment.
-    pub(super) fn new(setup: &Setup, others: Box<dyn Imputer>, guess: Guess) -> Result<Teammates> {
-        let (dynamics, n_beliefs) = (fitted(setup)?, guess.n_beliefs());
+    /// `Usage` if they are not known, or not those of this environment, or teammates do not choose actions.
+    pub(super) fn new(
+        setup: &Setup,
+        others: Box<dyn Imputer>,
+        guess: Guess,
+        known: Known,
+    ) -> Result<Teammates> {
+        let (dynamics, n_beliefs) = (known.dynamics(setup)?, guess.n_beliefs());
         if setup.spec.n_actions() == 0 {
             return Err(usage!(
                 "teammates are imagined to choose actions; those of {} act by values",
@@ -49,7 +54,7 @@ impl Teammates {
                 .into_iter()
                 .map(|agent| Teammate::new(setup, &dynamics, agent, guess))
                 .collect(),
-            motion: Motion::new(setup, dynamics, everybody.collect(), n_beliefs)?.learning(),
+            motion: Motion::of(setup, known, everybody.collect(), n_beliefs)?,
             n_beliefs,
             weights: Weights::new(setup.worlds, n_beliefs),
             dice: Dice { guess, seed: setup.seed, agent: setup.agent },

@@ -26,6 +26,8 @@ pub(super) struct Scene {
     pub(super) environment: Box<dyn Environment>,
     /// How long a step is, s, if the environment says so.
     tick: Option<f64>,
+    /// What is played, unless another process hosts it.
+    task: Option<Task>,
 }
 
 impl Spawn {
@@ -59,7 +61,16 @@ impl Spawn {
         }
         let task = self.find_task(&policy_source(&self.policy, self.seed)?)?.with_physics(self.physics)?;
         let spec = task.spec().clone();
-        Ok(Scene { tick: Some(spec.dt), spec, environment: task.environment(worlds) })
+        Ok(Scene { tick: Some(spec.dt), spec, environment: task.environment(worlds), task: Some(task) })
+    }
+
+    /// The policy, told the physics of the scene if the imputer asks for that.
+    pub(super) fn load(&self, source: &PolicySource, scene: &Scene) -> Result<Policy> {
+        let policy = source.load(&scene.spec)?;
+        match &scene.task {
+            Some(task) => Registry::default().told(policy, task, self.imputer.as_deref().into_iter()),
+            None => Ok(policy),
+        }
     }
 
     /// What this command hosts. It may take long to start, so what can be wrong without it is looked at first.
@@ -77,7 +88,7 @@ impl Spawn {
                 spec.id
             ));
         }
-        Ok(Scene { spec, tick, environment: Box::new(hosted) })
+        Ok(Scene { spec, tick, environment: Box::new(hosted), task: None })
     }
 
     /// The policy; none where every agent is another program, and none is asked for or built in.
