@@ -7,7 +7,7 @@
 use std::net::{TcpListener, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
-use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
+use crossbeam::channel::{Receiver, Sender, unbounded};
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
@@ -200,10 +200,7 @@ impl Line {
 
     /// What comes within some time.
     pub(super) fn hear_within(&self, longest: Duration) -> Option<Heard> {
-        match self.heard.recv_timeout(longest) {
-            Ok(heard) => Some(heard),
-            Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => None,
-        }
+        self.heard.recv_timeout(longest).ok()
     }
 }
 

@@ -101,7 +101,10 @@ mod tests {
         let (bytes, mut came) = (frame.take(), Vec::new());
         assert!(frame.is_empty());
         let take = |header, words: &[u8]| {
-            came.push((header, bytemuck::pod_collect_to_vec::<u8, u32>(words)));
+            came.push((
+                header,
+                words.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect::<Vec<u32>>(),
+            ));
             Ok(())
         };
         SHAPE.each(&bytes, take).unwrap();
