@@ -149,7 +149,7 @@ impl Block<'_> {
         let (unit, total) = (largest / 127.0, total as f32);
         let columns = weight.lows.chunks(PANEL).zip(weight.steps.chunks(PANEL)).zip(y.chunks_mut(PANEL));
         let panels = weight.lines.chunks_exact(weight.k).map(|lines| &lines[first..][..x.len()]);
-        let next = panels.clone().skip(1).chain(panels.clone().last());
+        let next = panels.clone().skip(1).chain(panels.clone().next_back());
         for ((lines, next), ((lows, steps), y)) in panels.zip(next).zip(columns) {
             let sums = sums(fours, lines, next);
             for (((y, sum), low), step) in y.iter_mut().zip(sums).zip(lows).zip(steps) {

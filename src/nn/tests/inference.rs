@@ -242,7 +242,7 @@ fn a_network_that_is_taken_roughly_says_nearly_the_same_and_takes_new_weights() 
         let policies = [1, 2].map(|seed| Policy::untrained(&dims(), seed, networks.clone()).unwrap());
         let steps: Vec<Vec<f32>> = (0..5).map(|seed| numbers(seed, 2 * dims().joint)).collect();
         let says = |network: &Inference| run(network, 2, &steps, &[], dims().n_actions);
-        let [first, second] = [0, 1].map(|at: usize| says(&policies[at].actor(0).roughly().network()));
+        let [first, second] = [0, 1].map(|at: usize| says(policies[at].actor(0).roughly().network()));
         let exact = says(policies[0].actor(0).network()).concat();
         let rough = first.concat();
         let wrong = rough.iter().zip(&exact).map(|(rough, exact)| (rough - exact).abs());
