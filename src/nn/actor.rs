@@ -41,6 +41,14 @@ impl Actor {
         }
     }
 
+    /// The same actor for a guess of what it would do, if it is a network of ours. See [`Inference::roughly`].
+    pub(crate) fn roughly(&self) -> Actor {
+        match &self.0 {
+            Kind::Network(network) => network.roughly().into(),
+            Kind::Onnx(_) => self.clone(),
+        }
+    }
+
     /// One step of `rows` episodes: `state` advances, and `out` `[rows, actions]` becomes the logits of what is seen in
     /// `estimates` `[rows, joint]`. Where each row says whose it is, `ids` `[rows]` has that; others do
     /// not look at it.

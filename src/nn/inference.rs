@@ -70,6 +70,20 @@ impl Inference {
         Inference { id: None, ..self.clone() }
     }
 
+    /// The same network for a guess of what it says: the weights between its hidden layers, which are most of what it has,
+    /// are taken as [`Nibbles`](kernels::Nibbles).
+    pub(crate) fn roughly(&self) -> Inference {
+        let mut network = self.clone();
+        let [_, hidden @ .., _] = &mut network.layers[..] else { return network };
+        for Weighted { layer, tensors, .. } in hidden {
+            // Behind the weights of a layer come as many biases.
+            for weight in &mut tensors[..layer.n_tensors() / 2] {
+                *weight = weight.roughly();
+            }
+        }
+        network
+    }
+
     /// One step of `rows` episodes: `state` advances, and `out` `[rows, outputs]` becomes what the network makes of
     /// `inputs` `[rows, inputs]`. A network that sees an agent's action has the number of that in `acts` `[rows]`; others do
     /// not look at it.
@@ -239,12 +253,13 @@ pub(super) fn run_on_halves(rows: usize) -> bool {
 }
 
 /// `y = x @ weight + start`, of that part of the weight which begins `from` there and meets `x`. Of few rows it reads f16
-/// where the weight is that: half as much, and the same bits.
+/// where the weight is that: half as much, and the same bits. A weight that is taken roughly is taken as a whole.
 fn product(rows: usize, x: &[f32], weight: &Tensor, from: usize, start: Start, y: &mut [f32]) {
     let (k, n) = (x.len().checked_div(rows).unwrap_or(0), y.len().checked_div(rows).unwrap_or(0));
     let part = from..from + k * n;
-    match weight.halves() {
-        Some(halves) if run_on_halves(rows) => {
+    match (weight.nibbles(n), weight.halves()) {
+        (Some(nibbles), _) => kernels::linear_of_nibbles(rows, x, nibbles, start, y),
+        (None, Some(halves)) if run_on_halves(rows) => {
             kernels::linear_of_halves(rows, x, &halves[part], start, y);
         }
         _ => kernels::linear(rows, x, &weight.values()[part], start, y),

@@ -1,6 +1,7 @@
 //! Where weights live: flat memory, owned or mapped, that tensors are ranges of.
 
 use super::file::Precision;
+use super::kernels::Nibbles;
 use half::f16;
 use memmap2::Mmap;
 use std::ops::Range;
@@ -18,13 +19,23 @@ pub struct Tensor {
     precision: Precision,
     /// The values of f16 as f32, once somebody has asked for them.
     widened: Arc<OnceLock<Storage>>,
+    /// Whether products need no more than the nearest values of four bits.
+    is_rough: bool,
+    /// Those, once somebody has asked for them.
+    nibbles: Arc<OnceLock<Nibbles>>,
 }
 
 impl Tensor {
     /// The tensor in `range` (counted in values) of `storage`, which must hold it.
     pub(super) fn new(storage: Arc<Storage>, range: Range<usize>, precision: Precision) -> Tensor {
         assert!(range.end * precision.bytes() <= storage.bytes().len(), "a tensor lies inside its storage");
-        Tensor { storage, range, precision, widened: Arc::default() }
+        let (widened, nibbles) = Default::default();
+        Tensor { storage, range, precision, widened, is_rough: false, nibbles }
+    }
+
+    /// The same tensor, of which products take the nearest values of four bits.
+    pub(super) fn roughly(&self) -> Tensor {
+        Tensor { is_rough: true, ..self.clone() }
     }
 
     /// The number of values.
@@ -46,6 +57,17 @@ impl Tensor {
     pub(super) fn halves(&self) -> Option<&[u16]> {
         let is_half = self.precision == Precision::Half;
         is_half.then(|| &bytemuck::cast_slice(self.storage.bytes())[self.range.clone()])
+    }
+
+    /// The nearest values of four bits of a weight with so many columns, if it is [rough](Tensor::roughly). They are made when
+    /// they are first asked for.
+    pub(super) fn nibbles(&self, columns: usize) -> Option<&Nibbles> {
+        let nearest = || {
+            let mut values = vec![0.0; self.len()];
+            self.copy_to(&mut values);
+            Nibbles::nearest(&values, columns)
+        };
+        self.is_rough.then(|| self.nibbles.get_or_init(nearest))
     }
 
     /// Copies the values, converted if they are stored as f16.
@@ -74,10 +96,12 @@ impl Tensor {
                 if self.precision == Precision::Full && *bytes == size_of_val(new) =>
             {
                 bytemuck::cast_slice_mut(lines)[self.range.clone()].copy_from_slice(new);
+                Arc::get_mut(&mut self.nibbles).expect("what shares it shares the memory").take();
             }
             _ => {
                 let (storage, _) = Storage::copy(std::iter::once(new));
-                *self = Tensor::new(Arc::new(storage), 0..new.len(), Precision::Full);
+                let tensor = Tensor::new(Arc::new(storage), 0..new.len(), Precision::Full);
+                *self = Tensor { is_rough: self.is_rough, ..tensor };
             }
         }
     }

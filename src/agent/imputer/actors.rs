@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::Setup;
+use super::imagined::Guess;
 use crate::nn::{Actor, ActorState, Scratch};
 
 /// The actors of an agent's teammates, with the states they have on its beliefs.
@@ -36,8 +37,8 @@ struct Pass {
 }
 
 impl Actors {
-    /// Those of `agents`, for up to `rows` beliefs.
-    pub(super) fn new(setup: &Setup, agents: &[usize], rows: usize) -> Actors {
+    /// Those of `agents`, for up to `rows` beliefs, as the guess needs them.
+    pub(super) fn new(setup: &Setup, agents: &[usize], rows: usize, guess: Guess) -> Actors {
         let mut passes: Vec<Pass> = Vec::new();
         for &agent in agents {
             let weights = setup.policy.actor_range(agent);
@@ -47,7 +48,7 @@ impl Actors {
                 Some(pass) => pass.agents.push(agent),
                 None => passes.push(Pass {
                     agents: vec![agent],
-                    actor: setup.policy.actor(agent).by_row(),
+                    actor: guess.actor(&setup.policy.actor(agent).by_row()),
                     weights,
                     state: setup.policy.actor(agent).state(0),
                     inputs: Vec::new(),
@@ -134,14 +135,17 @@ mod tests {
     fn each_teammate_acts_as_its_own_actor_would_whether_it_is_shared_or_not() {
         let task = Task::parse("spread-xy-4").unwrap();
         let joint = task.spec().joint_dim();
-        for (sharing, passes) in [(Sharing::Shared, 1), (Sharing::Separate, 3)] {
+        let guesses = [Guess::Mean, Guess::SharedDice];
+        let sharings = [(Sharing::Shared, 1), (Sharing::Separate, 3)];
+        for ((sharing, passes), guess) in sharings.into_iter().flat_map(|of| guesses.map(|guess| (of, guess)))
+        {
             let networks = Networks { sharing, hidden: 20, ..Networks::paper(ActorKind::Gru) };
             let policy = Policy::untrained(&dims(task.spec()), 3, networks).unwrap();
-            let mut actors = Actors::new(&Setup::of(task.spec(), &policy, 1), &[0, 2, 3], 5);
+            let mut actors = Actors::new(&Setup::of(task.spec(), &policy, 1), &[0, 2, 3], 5, guess);
             actors.begin_episodes(2);
             assert_eq!(actors.passes.len(), passes);
             let alone = |agent: usize, beliefs: &[&[f32]]| {
-                let (actor, mut logits) = (policy.actor(agent), vec![0.0; 5]);
+                let (actor, mut logits) = (guess.actor(policy.actor(agent)), vec![0.0; 5]);
                 let (mut state, mut scratch) = (actor.state(1), Scratch::default());
                 beliefs.iter().for_each(|seen| {
                     actor.step(1, seen, &[], &mut state, &mut scratch, &mut logits).unwrap()
@@ -155,8 +159,9 @@ mod tests {
             actors.copy(1, 0);
             actors.consider(&beliefs);
             for agent in [0, 2, 3] {
-                assert_eq!(actors.logits(agent, 0), alone(agent, &[second, first]), "{sharing} {agent}");
-                assert_eq!(actors.logits(agent, 1), alone(agent, &[second, second]), "{sharing} {agent}");
+                let [mixed, same] = [[second, first], [second, second]].map(|seen| alone(agent, &seen));
+                assert_eq!(actors.logits(agent, 0), mixed, "{sharing} {guess:?} {agent}");
+                assert_eq!(actors.logits(agent, 1), same, "{sharing} {guess:?} {agent}");
             }
         }
     }

@@ -4,6 +4,7 @@ use super::{Setup, Step};
 use crate::agent::choice::{most_probable, sample};
 use crate::base::rng::{Draws, Purpose};
 use crate::dynamics::Dynamics;
+use crate::nn::Actor;
 
 /// A teammate that acts on what the agent which imagines it believes.
 ///
@@ -49,6 +50,15 @@ impl Guess {
         match self {
             Guess::Drawn(beliefs) => beliefs,
             Guess::Mean | Guess::SharedDice => 1,
+        }
+    }
+
+    /// The actor that a teammate is taken to act by. Nearly its own will do, and is much less to read, unless the action has
+    /// to be the very one.
+    pub(super) fn actor(self, own: &Actor) -> Actor {
+        match self {
+            Guess::Mean | Guess::Drawn(_) => own.roughly(),
+            Guess::SharedDice => own.clone(),
         }
     }
 }

@@ -49,7 +49,7 @@ impl Teammates {
         Ok(Teammates {
             others,
             agent: setup.agent,
-            actors: Actors::new(setup, &teammates, setup.worlds * n_beliefs),
+            actors: Actors::new(setup, &teammates, setup.worlds * n_beliefs, guess),
             teammates: teammates
                 .into_iter()
                 .map(|agent| Teammate::new(setup, &dynamics, agent, guess))

@@ -1,6 +1,6 @@
 //! Functions of one element. The polynomials are those of the Cephes library (`expf`, `tanhf`).
 
-use super::{load, store};
+use super::{fetch, load, store};
 use pulp::{Simd, WithSimd};
 
 /// [`relu`](super::relu).
@@ -68,7 +68,9 @@ impl WithSimd for Sum<'_> {
         let (groups, others) = vectors.as_chunks::<SUMS>();
         for group in groups {
             for (sum, vector) in sums.iter_mut().zip(group) {
-                fetch_ahead(vector);
+                // The line 2 KiB behind. From the L3 cache a core reads an eighth faster for it than with what the CPU fetches
+                // ahead by itself.
+                fetch(std::ptr::from_ref(vector).wrapping_byte_add(2048));
                 *sum = simd.add_f32s(*sum, *vector);
             }
         }
@@ -76,19 +78,6 @@ impl WithSimd for Sum<'_> {
         let sums = sums.into_iter().map(|sum| simd.reduce_sum_f32s(sum));
         sums.chain(rest.iter().copied()).sum()
     }
-}
-
-/// Asks for the cache line 2 KiB behind `vector`. From the L3 cache a core reads an eighth faster for it than with
-/// what the CPU fetches ahead by itself; where a line is asked for in vain, nothing happens.
-#[inline(always)]
-fn fetch_ahead<T>(vector: &T) {
-    #[cfg(target_arch = "x86_64")]
-    if let Some(sse) = pulp::core_arch::x86::Sse::try_new() {
-        let ahead = std::ptr::from_ref(vector).cast::<i8>().wrapping_add(2048);
-        sse._mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(ahead);
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = vector;
 }
 
 impl WithSimd for ReluBackward<'_> {

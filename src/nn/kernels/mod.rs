@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`linear()`] | `y = x @ w + bias`, or `y += x @ w` |
 //! | [`linear_of_halves`] | the same, of weights stored as f16 |
+//! | [`linear_of_nibbles`] | nearly the same, of weights rounded to four bits |
 //! | [`relu`], [`sigmoid`], [`tanh`] | in place, element by element |
 //! | [`gru_gates`], [`lstm_gates`] | everything of a recurrent step that is not a matrix product |
 //! | [`sum`] | what reading weights takes, to measure by |
@@ -28,8 +29,9 @@
 //! vectors and for tails. So one row and a thousand rows agree to the last bit, and so do AVX2, AVX-512 and
 //! NEON. A CPU without fused multiply-add rounds twice and gives other (equally exact) bits.
 //!
-//! The instruction set is chosen at run time, once. No kernel allocates, starts threads or is unsafe. Shapes
-//! are the caller's responsibility: a wrong one is a bug, and panics.
+//! The instruction set is chosen at run time, once. No kernel allocates or starts threads, and none is unsafe but one of
+//! [`linear_of_nibbles`], for an instruction that is not in `pulp`. Shapes are the caller's responsibility: a wrong one is a
+//! bug, and panics.
 
 mod adam;
 mod elementwise;
@@ -37,6 +39,7 @@ mod gates;
 mod gradient;
 mod halves;
 mod linear;
+mod nibbles;
 mod recurrent;
 #[cfg(test)]
 mod tests;
@@ -44,6 +47,7 @@ mod tests;
 pub use adam::AdamStep;
 pub use halves::{linear_of_halves, take_halves};
 pub use linear::Start;
+pub use nibbles::{Nibbles, linear_of_nibbles};
 
 use pulp::{Arch, Simd};
 use std::sync::LazyLock;
@@ -268,4 +272,15 @@ fn store<S: Simd>(simd: S, values: &mut [f32], vector: S::f32s) {
         Some(full) => *full = vector,
         None => simd.partial_store_f32s(values, vector),
     }
+}
+
+/// Asks for the cache line at `place`; where there is none, nothing happens.
+#[inline(always)]
+fn fetch<T>(place: *const T) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(sse) = pulp::core_arch::x86::Sse::try_new() {
+        sse._mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(place.cast());
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = place;
 }

@@ -124,6 +124,65 @@ fn weights_of_f16_make_the_same_bits_as_their_values() {
 }
 
 #[test]
+fn weights_of_four_bits_make_the_same_bits_on_every_machine() {
+    for (k, n) in [(1, 1), (7, 5), (33, 128), (64, 129), (256, 768), (1030, 40)] {
+        let weight = numbers(1, k * n, 0.5);
+        let (bias, nibbles) = (numbers(2, n, 1.0), Nibbles::nearest(&weight, n));
+        // Half of them zeros, a row of nothing else, and a row of the largest sums that there are.
+        let zeros = numbers(3, k, 1.0).into_iter().map(|x| x.max(0.0));
+        let x: Vec<f32> = zeros.chain(vec![0.0; k]).chain(vec![-2.0; k]).chain(numbers(4, k, 2.0)).collect();
+        let rows = 4;
+        let run = |arch, start| {
+            let mut y = numbers(5, rows * n, 1.0);
+            nibbles::run_on(arch, rows, &x, &nibbles, start, &mut y);
+            y
+        };
+        let mut expected = vec![0.0; rows * n];
+        for (x, y) in x.chunks(k).zip(expected.chunks_mut(n)) {
+            y.copy_from_slice(&bias);
+            for (block, x) in x.chunks(1024).enumerate() {
+                let largest = x.iter().fold(0.0f32, |largest, x| largest.max(x.abs()));
+                let whole: Vec<i64> =
+                    x.iter().map(|x| (x / largest * 127.0).round_ties_even() as i64).collect();
+                for (column, y) in y.iter_mut().enumerate().filter(|_| largest > 0.0) {
+                    let values = weight.iter().skip(column).step_by(n);
+                    let low = values.clone().copied().fold(f32::INFINITY, f32::min);
+                    let high = values.clone().copied().fold(f32::NEG_INFINITY, f32::max);
+                    let step = (high - low) / 15.0;
+                    let steps = values
+                        .map(|value| if step > 0.0 { ((value - low) / step).round() as i64 } else { 0 });
+                    let sum: i64 = steps.skip(block * 1024).zip(&whole).map(|(steps, x)| steps * x).sum();
+                    let total = whole.iter().sum::<i64>() as f32;
+                    *y += largest / 127.0 * (step * sum as f32 + low * total);
+                }
+            }
+        }
+        for arch in arches() {
+            assert_eq!(bits(&run(arch, Start::Bias(&bias))), bits(&expected), "{arch:?}, k {k}, n {n}");
+            let [before, zeros] = [numbers(5, rows * n, 1.0), vec![0.0; rows * n]];
+            for (start, before) in [(Start::Output, before), (Start::Zero, zeros)] {
+                // A row of zeros leaves everything as it is.
+                assert_eq!(run(arch, start)[n..2 * n], before[n..2 * n], "{arch:?}, k {k}, n {n}, {start:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn weights_of_four_bits_are_nearly_what_they_were() {
+    let (k, n) = (256, 300);
+    let (weight, x) = (numbers(1, k * n, 0.5), numbers(2, k, 1.0));
+    let [mut exact, mut rough] = [vec![0.0; n], vec![0.0; n]];
+    linear(1, &x, &weight, Start::Zero, &mut exact);
+    linear_of_nibbles(1, &x, &Nibbles::nearest(&weight, n), Start::Zero, &mut rough);
+    let wrong: Vec<f32> = exact.iter().zip(&rough).map(|(exact, rough)| exact - rough).collect();
+    // The deviation of a value that is rounded to steps of 1/15, times that of the inputs and the root of how many there are.
+    let expected = 1.0 / 15.0 / 12f64.sqrt() * (k as f64 / 3.0).sqrt();
+    let deviation = (sum_of_squares(&wrong) / n as f64).sqrt();
+    assert!((deviation / expected - 1.0).abs() < 0.2, "{deviation}, expected {expected}");
+}
+
+#[test]
 fn instruction_sets_with_fused_multiply_add_agree_to_the_bit() {
     let (x, weight, bias) = (numbers(1, 10 * 33, 1.0), numbers(2, 33 * 77, 1.0), numbers(3, 77, 1.0));
     let mut results = Vec::new();

@@ -234,3 +234,27 @@ fn networks_make_the_same_bits_of_f16_and_of_its_values() {
         assert_eq!(out, [vec![0.0; dims().n_actions]]);
     }
 }
+
+#[test]
+fn a_network_that_is_taken_roughly_says_nearly_the_same_and_takes_new_weights() {
+    for actor in [ActorKind::Mlp, ActorKind::Gru] {
+        let networks = Networks { hidden: 64, ..networks(actor, Sharing::Separate) };
+        let policies = [1, 2].map(|seed| Policy::untrained(&dims(), seed, networks.clone()).unwrap());
+        let steps: Vec<Vec<f32>> = (0..5).map(|seed| numbers(seed, 2 * dims().joint)).collect();
+        let says = |network: &Inference| run(network, 2, &steps, &[], dims().n_actions);
+        let [first, second] = [0, 1].map(|at: usize| says(policies[at].actor(0).roughly().network()));
+        let exact = says(policies[0].actor(0).network()).concat();
+        let rough = first.concat();
+        let wrong = rough.iter().zip(&exact).map(|(rough, exact)| (rough - exact).abs());
+        let wrong = wrong.fold(0.0, f32::max);
+        assert!(wrong > 0.0 && wrong < 0.02, "{actor}: {wrong}");
+
+        // The first time in memory of its own, the second time in place.
+        let mut renewed = policies[1].actor(0).roughly();
+        for (policy, expected) in [(0, first), (1, second)] {
+            let weights = &values(&policies[policy])[policies[policy].actor_range(0)];
+            renewed.renew(weights);
+            assert_eq!(says(renewed.network()), expected, "{actor}");
+        }
+    }
+}
