@@ -2,7 +2,8 @@
 
     vamaro-swarm spawn --agents 4 --p 0.2 --imputer hold --agent '2=python3 agents/python/hold.py'
 
-It acts by the swarm's own policy, or by what is given as argument: an ONNX file, or a policy in Python, `module:name`.
+It acts by the swarm's own policy, or by what is given as argument: an ONNX file, or a policy in Python, `module:name`. It
+imputes by a fitted imputer instead if that is given, too: a file that ends with `.safetensors`.
 """
 
 import sys
@@ -11,18 +12,19 @@ import time
 import numpy as np
 
 from actor import CallableActor, OnnxActor, PolicyActor, choose
+from imputer import Hold, fitted
 from wire import NOT_ARRIVED, Port
 
 
 def main():
     port = Port()
     settings, me = port.told["settings"], port.index
-    agents, unique = len(settings["spec"]["agents"]), settings["spec"]["unique"]
+    agents = len(settings["spec"]["agents"])
     available = settings["spec"]["agents"][me]["actions"].get("discrete")
-    if settings["imputer"] != "hold":
-        sys.exit(f"error: this agent imputes by `hold`, not by `{settings['imputer']}`; use --imputer hold")
-    actor = actor_of(sys.argv[1:-2], settings, me)
-    episode, carried = None, None
+    files = [word for word in sys.argv[1:-2] if word.endswith(".safetensors")]
+    imputer = fitted(files[0], port.told) if files else Hold(port.told)
+    actor = actor_of([word for word in sys.argv[1:-2] if word not in files], settings, me)
+    episode = None
 
     port.report_ready()
     while sensor := port.next_tick():
@@ -32,18 +34,18 @@ def main():
         sensor = port.own  # in real time, a newer one may have come
         worlds = sensor.header.worlds
         if sensor.header.step == 0 or sensor.header.episode != episode:
-            episode, carried = sensor.header.episode, np.zeros((worlds, agents, unique), np.float32)
+            episode = sensor.header.episode
+            imputer.begin(worlds)
             actor.begin(worlds, episode)
 
-        # The joint estimate: each agent's own values, then those that are the same for all.
         ages = np.full((worlds, agents), NOT_ARRIVED, np.uint8)
+        observations = np.zeros((worlds, agents, port.layout["observation"]), np.float32)
         for world in range(worlds):
             for sender in range(agents):
                 heard = (sensor.observations[world], 0) if sender == me else port.delivered(world, sender)
                 if heard:
-                    observation, ages[world, sender] = heard
-                    carried[world, sender] = observation[:unique]
-        estimates = np.hstack([carried.reshape(worlds, -1), sensor.observations[:, unique:]])
+                    observations[world, sender], ages[world, sender] = heard
+        estimates = imputer.fuse(ages, observations)
         fused_ns = time.monotonic_ns()
 
         if isinstance(actor, CallableActor):
@@ -53,6 +55,7 @@ def main():
             chosen = zip(logits[:, :available], sensor.draws)
             actions = np.array([choose(row, draw, settings["greedy"]) for row, draw in chosen])
         port.decide(actions, ages, estimates, logits, received_ns, fused_ns)
+        imputer.predict()
 
 
 def actor_of(words, settings, me):

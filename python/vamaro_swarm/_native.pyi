@@ -90,6 +90,24 @@ class Lessons:
     def save(self, path: str | PathLike[str]) -> None: ...
 
 @final
+class Imputer:
+    """The predictor in a file, at the work of one agent."""
+
+    def __new__(
+        cls,
+        path: str | PathLike[str],
+        name: str,
+        agents: list[tuple[str, int]],
+        *,
+        agent: int,
+        worlds: int,
+        oldest: int,
+    ) -> Imputer: ...
+    def begin(self, worlds: int) -> None: ...
+    def fuse(self, ages: NDArray[uint8], observations: NDArray[float32], estimates: NDArray[float32]) -> None: ...
+    def predict(self) -> None: ...
+
+@final
 class Evaluation:
     """The episodes of an evaluation, and their statistics."""
 

@@ -21,7 +21,7 @@ use crate::train;
 pub(super) struct Lessons(Mutex<train::Lessons>, Spec);
 
 /// What the predictor is called in its file.
-const FITTED: &str = "fitted";
+pub(super) const FITTED: &str = "fitted";
 
 #[pymethods]
 impl Lessons {

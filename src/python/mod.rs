@@ -8,6 +8,7 @@
 //! Team        a policy file  -> actions
 //! Evaluation  what was played -> statistics, report
 //! Lessons     what was played -> a predictor
+//! Imputer     a predictor     -> what one agent in a process of its own imputes by
 //! Host        an environment, hosted for a supervisor elsewhere
 //! command     the program `vamaro-swarm`
 //! ```
@@ -22,6 +23,7 @@ mod elsewhere;
 mod errors;
 mod evaluation;
 mod host;
+mod imputer;
 mod interrupt;
 mod lessons;
 mod play;
@@ -38,5 +40,6 @@ fn _native(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_class::<evaluation::Evaluation>()?;
     module.add_class::<host::Host>()?;
     module.add_class::<lessons::Lessons>()?;
+    module.add_class::<imputer::Imputer>()?;
     module.add_function(wrap_pyfunction!(command::main, module)?)
 }

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from mpe2 import simple_speaker_listener_v4, simple_spread_v3
-from vamaro_swarm import evaluate, evaluation
+from vamaro_swarm import evaluate, evaluation, fit_imputer
 
 ROOT = Path(__file__).parents[2]
 HOLD = f"{sys.executable} {ROOT}/agents/python/hold.py"
@@ -50,10 +50,12 @@ def team(tmp_path, monkeypatch):
     return tmp_path, names
 
 
-def plays_as_evaluate_does(team, make, env, policy, links, agents):
+def plays_as_evaluate_does(team, make, env, policy, links, agents, fitted=None):
     folder, names = team
-    played = evaluate(make, names[policy], imputers=["hold"], levels=(), links=[links], episodes=2, seed=3)
-    others = [word for agent in range(agents) for word in ("--agent", f"{agent}={HOLD} team:{policy}")]
+    imputers = {"hold": fitted or "hold"}
+    played = evaluate(make, names[policy], imputers=imputers, levels=(), links=[links], episodes=2, seed=3)
+    words = [f"team:{policy}", *([str(fitted.path)] if fitted else [])]
+    others = [word for agent in range(agents) for word in ("--agent", " ".join([f"{agent}={HOLD}", *words]))]
     words = ["--env", f"{SERVE} {env}", "--links", links, "--episodes", "2", "--seed", "3"]
     summary = finish(start(folder, *words, *others, "--imputer", "hold", "--audit"))
     returns = played.to_pandas(episodes=True)
@@ -70,6 +72,14 @@ def test_a_swarm_plays_as_evaluate_does(team, make, agents):
     env = make().metadata["name"]
     links = "level(0.5) + gilbert(0.1, 0.3) + delay(1)"
     plays_as_evaluate_does(team, make, f"mpe2.{env}", "policy", links, agents)
+
+
+@pytest.mark.skipif(find_spec("iceoryx2") is None, reason="agents in Python need the package iceoryx2")
+def test_agents_in_python_impute_by_what_was_fitted(team):
+    make, policy = simple_speaker_listener_v4.parallel_env, team[1]["policy"]
+    fitted = fit_imputer(make, policy, steps=300, updates=30, out=team[0] / "imputer.safetensors")
+    env = f"mpe2.{make().metadata['name']}"
+    plays_as_evaluate_does(team, make, env, "policy", "level(0.4) + delay(1)", 2, fitted)
 
 
 @pytest.mark.skipif(find_spec("iceoryx2") is None, reason="agents in Python need the package iceoryx2")

@@ -1,4 +1,5 @@
-//! Policies that are ONNX files, through the library and the real binary. `tests/data/onnx/make.py` made the files.
+//! Policies that are ONNX files, through the library and the real binary. `tests/data/onnx/make.py` made the files, and
+//! `make_newer.py` beside it one by PyTorch's newer exporter.
 
 // Helpers of tests are tests, which clippy does not see.
 #![allow(clippy::unwrap_used)]
@@ -84,6 +85,10 @@ fn graphs_say_what_pytorch_says_and_so_do_our_networks_with_the_same_weights() {
             says_what_pytorch_says(&ours, &expected[name], "ours");
         }
     }
+    // The same actor by PyTorch's newer exporter, which splits gates by sequences.
+    let path = file("gru-dynamo.toml");
+    let newer = Policy::open(Path::new(&path), &dims(Task::parse("spread-xy-2").unwrap().spec())).unwrap();
+    says_what_pytorch_says(&newer, &expected["gru"], "by the newer exporter");
     let described = folder.path().join("normalised.toml");
     let (mean, std): (Vec<f64>, Vec<f64>) =
         (0..16).map(|at| (f64::from(at) / 16.0, f64::from(at + 1) / 8.0)).unzip();
