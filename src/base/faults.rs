@@ -1,4 +1,4 @@
-//! Signals by which the kernel says that memory or a file has come to an end: words, not a silent death.
+//! Signals with which the kernel says that memory ran out or a file is too large: an error message, not a silent death.
 
 use std::os::fd::AsFd;
 use std::sync::OnceLock;

@@ -11,7 +11,7 @@ use rustix::fs::OFlags;
 
 use crate::base::error::{Error, Result};
 
-/// How long whoever writes to a pipe may take.
+/// How long the writer of a pipe may take.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// The bytes of the regular file at `path`, which may have `limit` of them.
@@ -51,7 +51,7 @@ pub(crate) fn read_text_or_pipe(path: &Path, limit: u64) -> Result<String> {
     text(bytes, path)
 }
 
-/// The regular file at `path`, made if there is none, to be read and to be written at its end.
+/// Opens the regular file at `path` to read and to append; creates it if it is missing.
 pub(crate) fn append(path: &Path) -> Result<File> {
     let mut options = OpenOptions::new();
     let file = options.read(true).append(true).create(true).custom_flags(at_once()).open(path);

@@ -62,7 +62,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "CHAOS[ at LINKS]")]
     chaos: Vec<String>,
 
-    #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy supports, except particles and shared-dice"))]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', help = imputer_help("all that each policy supports, except particles, shared-dice, given-dynamics and given-teammates"))]
     imputers: Vec<String>,
 
     /// Also play each imputer with an oracle that knows a part of the truth, to see how much of the loss is due to not

@@ -403,7 +403,7 @@ impl Spawn {
         Ok(Played { statistics, audit, injected: session.injected(), steered, ended })
     }
 
-    /// What there is to know for whoever watches.
+    /// What the view shows of the run as a whole.
     #[cfg(feature = "view")]
     fn facts(&self, summary: &Summary) -> Facts {
         let settings = summary.settings;
@@ -429,7 +429,7 @@ struct Played {
     injected: Option<Injected>,
     /// What was changed by hand, if somebody could.
     steered: Option<Steered>,
-    /// Why not all of them were, if so.
+    /// Why some were not, if so.
     ended: Result<()>,
 }
 

@@ -29,7 +29,7 @@ pub(super) struct Summary<'a> {
     pub(super) others: &'a [(usize, AgentCommand)],
     /// What hosts the environment, if that is not here.
     pub(super) environment: Option<&'a AgentCommand>,
-    /// What befalls agents on purpose.
+    /// Kills and stops on purpose.
     pub(super) chaos: Option<ChaosSpec>,
     pub(super) episodes: u64,
 }

@@ -57,7 +57,7 @@ impl Equations {
     }
 }
 
-/// The middle one of some values; 0 if there are none.
+/// The median; 0 of no values.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)

@@ -67,7 +67,7 @@ pub enum ActionSpace {
 pub struct Value {
     /// What it is measured in.
     pub unit: Unit,
-    /// Whose state it tells of, whoever observes it.
+    /// Whose state it is about, whoever observes it.
     pub about: About,
     /// The axis it lies along, if it does.
     pub axis: Option<Axis>,

@@ -1,4 +1,4 @@
-//! Conditions: how links behave in a cell, what befalls agents on purpose, and what that is called.
+//! Conditions: how links behave in a cell, how agents are killed and stopped on purpose, and what that is called.
 
 use std::fmt;
 use std::path::Path;
@@ -10,7 +10,7 @@ use crate::base::error::Result;
 use crate::link::{CommunicationMatrix, LinkSpec, RadioLog, Site};
 use crate::supervisor::ChaosSpec;
 
-/// How links behave in a cell, and what befalls agents on purpose.
+/// How links behave in a cell, and how agents are killed and stopped on purpose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
     links: LinkSpec,
@@ -23,7 +23,7 @@ impl Condition {
     /// Every link delivers with this probability p.
     ///
     /// # Errors
-    /// `Usage` if it is none.
+    /// `Usage` if it is not a probability.
     pub fn level(p: f64) -> Result<Condition> {
         // Adding zero turns -0 into 0.
         LinkSpec::level(p + 0.0).map(|links| Condition { name: format!("p={}", p + 0.0), links, chaos: None })
@@ -64,12 +64,12 @@ impl Condition {
         &self.links
     }
 
-    /// What befalls agents on purpose.
+    /// How agents are killed and stopped on purpose.
     pub fn chaos(&self) -> Option<ChaosSpec> {
         self.chaos
     }
 
-    /// p, where all links share one and nothing befalls the agents.
+    /// p, if all links share one and agents are left alone.
     pub fn p(&self) -> Option<f64> {
         self.links.p().filter(|_| self.chaos.is_none())
     }

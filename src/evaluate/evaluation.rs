@@ -39,7 +39,7 @@ pub struct Settings {
     /// How bodies move, in all cells and for the random team; not written down if it is the default.
     #[serde(default, skip_serializing_if = "PhysicsSpec::is_default")]
     pub physics: PhysicsSpec,
-    /// Messages also carry the newest that their senders hold of others; written down if so.
+    /// Agents pass on the newest observation that they hold of each other agent; written down if so.
     #[serde(default, skip_serializing_if = "is_false")]
     pub relay: bool,
 }

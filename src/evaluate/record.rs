@@ -83,7 +83,7 @@ impl Key {
 }
 
 impl Record {
-    /// Opens the record in `folder`, which it makes where there is none, and reads what is finished.
+    /// Opens the record in `folder`, which it creates if missing, and reads what is finished.
     ///
     /// # Errors
     /// `Failed` if it cannot be written; `Usage` if another evaluation uses it, or it was made with other
@@ -241,7 +241,7 @@ mod tests {
         let record = Record::open(folder.path(), &settings(2)).unwrap();
         assert_eq!(record.get(&key("zero")), Some(&outcome));
         drop(record);
-        // Killed while the very first line was written.
+        // Killed while the first line was written.
         let header = std::fs::read(folder.path().join(CELLS)).unwrap();
         std::fs::write(folder.path().join(CELLS), &header[..9]).unwrap();
         assert_eq!(Record::open(folder.path(), &settings(2)).unwrap().get(&key("zero")), None);

@@ -21,7 +21,7 @@ const ROOM_DEADLINE: Duration = Duration::from_secs(10);
 
 /// One end of a pair of sockets or of two pipes.
 ///
-/// Nothing blocks in reading or writing: whoever waits, waits with `poll`, which has a bound.
+/// Reading and writing never block: all waiting is done by `poll`, which has a bound.
 pub(super) struct KernelEnd {
     input: OwnedFd,
     output: OwnedFd,

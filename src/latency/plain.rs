@@ -62,7 +62,7 @@ impl Transport for PlainEnd {
     }
 }
 
-/// This process's entry point to services that whoever comes first creates.
+/// This process's entry point to services, which the first process to come creates.
 pub(super) struct PlainNode(Node<ipc::Service>);
 
 pub(super) struct Publisher {

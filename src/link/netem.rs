@@ -10,7 +10,7 @@ use crate::usage;
 const OPTIONS: [&str; 9] =
     ["netem", "loss", "delay", "limit", "corrupt", "duplicate", "reorder", "rate", "slot"];
 
-/// The links that netem's options mean, where a tick takes so many seconds; `None` for a text that is none of its.
+/// The links that netem's options mean, where a tick takes so many seconds; `None` for any other text.
 ///
 /// # Errors
 /// `Usage` for options that we have no model for, numbers without a unit, and times where no tick is known.

@@ -150,7 +150,7 @@ impl Argument {
     /// The number.
     ///
     /// # Panics
-    /// If its parameter is none.
+    /// If its parameter is of another kind.
     pub fn number(&self) -> f64 {
         match self {
             Argument::Number(value) => *value,
@@ -161,7 +161,7 @@ impl Argument {
     /// The word.
     ///
     /// # Panics
-    /// If its parameter is none.
+    /// If its parameter is of another kind.
     pub fn word(&self) -> &'static str {
         match self {
             Argument::Word(word) => word,
@@ -172,7 +172,7 @@ impl Argument {
     /// The matrix.
     ///
     /// # Panics
-    /// If its parameter is none.
+    /// If its parameter is of another kind.
     pub fn matrix(&self) -> &Arc<CommunicationMatrix> {
         match self {
             Argument::Matrix(matrix) => matrix,
@@ -183,7 +183,7 @@ impl Argument {
     /// The log.
     ///
     /// # Panics
-    /// If its parameter is none.
+    /// If its parameter is of another kind.
     pub fn log(&self) -> &Arc<RadioLog> {
         match self {
             Argument::Log(log) => log,

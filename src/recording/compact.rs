@@ -20,7 +20,7 @@ pub(super) fn begin(layout: &Layout, header: &RecordingHeader) -> Vec<u8> {
     [&MAGIC[..], &FORMAT_VERSION.to_le_bytes(), &(header.len() as u32).to_le_bytes(), &header].concat()
 }
 
-/// What stands behind the last of so many episodes.
+/// What follows the last of so many episodes.
 pub(super) fn end(episodes: u64) -> Vec<u8> {
     [&0u32.to_le_bytes()[..], &episodes.to_le_bytes()].concat()
 }
@@ -33,7 +33,7 @@ pub(super) struct CompactEpisodes {
 }
 
 impl CompactEpisodes {
-    /// Reads what stands before the episodes, behind [`MAGIC`].
+    /// Reads what comes before the episodes, after [`MAGIC`].
     pub(super) fn open(file: File, path: &Path) -> Result<(RecordingHeader, CompactEpisodes)> {
         let failed = |what: String| Error::io("read", path, what);
         let mut file = BufReader::with_capacity(1 << 16, file);

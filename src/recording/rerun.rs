@@ -99,7 +99,7 @@ impl Rerun {
         Ok(left_out)
     }
 
-    /// Has the agents of an episode think again, and notes their estimates. Where that cannot be done there are none.
+    /// Runs the agents of an episode again, and notes their estimates; leaves them out if that cannot be done.
     pub(crate) fn think(&mut self, episode: &mut Episode) -> std::result::Result<(), String> {
         let mut estimates = vec![vec![Vec::new(); self.agents.len()]; episode.actions.len()];
         self.play(episode, |step, agent| estimates[step][agent.index()] = agent.estimates().to_vec())?;

@@ -193,7 +193,7 @@ impl Learner {
         let (settings, available) = (&self.settings, &self.available[..]);
         let (rewards, advantages) = (&self.rewards[..], &self.advantages[..]);
 
-        // Whoever takes longest begins.
+        // What takes longest begins.
         let predictors = self.predictors.iter_mut().zip(&mut self.losses.predictors);
         let predictors = predictors.filter(|_| round == epochs);
         let actors = self.actors.iter_mut().filter(|_| round >= 1);

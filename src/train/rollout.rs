@@ -27,7 +27,7 @@ impl Rollout {
         Rollout { session, worlds, played: Vec::new() }
     }
 
-    /// Has messages also carry the newest that their senders hold of others, if so.
+    /// Agents pass on the newest observation that they hold of each other agent, if so.
     pub fn relaying(self, relay: bool) -> Rollout {
         Rollout { session: self.session.relaying(relay), ..self }
     }
@@ -91,7 +91,7 @@ impl Observer for Collector<'_> {
         Ok(())
     }
 
-    /// Whoever learns from estimates needs what the agents make of the end, too.
+    /// Learning from estimates needs the agents' estimates after the last step, too.
     fn wants_last_tick(&self) -> bool {
         !self.batch.estimates.is_empty()
     }

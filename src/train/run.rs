@@ -148,7 +148,7 @@ impl Run {
     }
 
     /// Trains to the last step with `agents` that run the trainer's policy, and tells `note` after every update.
-    /// However that ends, what was learned is kept, unless it is numbers that are none.
+    /// However that ends, what was learned is kept, unless it has numbers that are not finite.
     pub fn train(&mut self, agents: &mut impl supervisor::Team, mut note: impl FnMut(&Run)) -> Result<()> {
         let ended = self.play_and_learn(agents, &mut note).and_then(|()| Ok(self.finish()?));
         let stopped = match ended {

@@ -1,4 +1,4 @@
-//! The desk: what whoever looks has chosen, and what keys do to it.
+//! The desk: what the viewer has chosen, and what keys do to it.
 
 use super::facts::Facts;
 use super::keys::Key;
@@ -13,7 +13,7 @@ pub(super) struct Desk {
     pace: Option<f64>,
     recorded: bool,
     guest: bool,
-    /// The agent whose estimate is shown, and whom keys concern.
+    /// The agent whose estimate is shown, and which keys act on.
     pub(super) chosen: usize,
     /// Whether the swarm stands still; in real time, whether the picture does.
     pub(super) stands: bool,
@@ -176,7 +176,7 @@ impl Desk {
         self.pace.is_some()
     }
 
-    /// Whether whoever looks can change nothing.
+    /// Whether the viewer can change nothing.
     pub(super) fn is_guest(&self) -> bool {
         self.guest
     }

@@ -33,12 +33,12 @@ pub(crate) struct Facts {
     pub(crate) level: Option<f64>,
     /// Whether the run is recorded: a trace cannot say that links change.
     pub(crate) recorded: bool,
-    /// Whether whoever looks is a guest, who can change nothing.
+    /// Whether the viewer is a guest, who can change nothing.
     pub(crate) guest: bool,
 }
 
 impl Facts {
-    /// What an environment says of itself. The rest is for whoever starts the swarm to say.
+    /// What an environment says of itself. Who starts the swarm adds the rest.
     pub(crate) fn of(spec: &Spec) -> Facts {
         let places = Places::of(spec);
         Facts {

@@ -15,7 +15,7 @@ pub(super) enum Key {
     Left,
 }
 
-/// The keys in what was read at once. What is none of them, or was cut off, is nothing.
+/// The keys in what was read at once. Anything else, and what was cut off, is ignored.
 pub(super) fn keys(bytes: &[u8]) -> Vec<Key> {
     let (mut keys, mut rest) = (Vec::new(), bytes);
     while let [first, behind @ ..] = rest {

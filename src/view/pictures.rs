@@ -1,4 +1,4 @@
-//! How pictures get from a camera to whoever looks at them.
+//! How pictures get from a camera to who draws them.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +10,7 @@ use super::scene::Scene;
 /// At most so many pictures a second.
 pub(super) const PICTURES: u32 = 20;
 
-/// The end of whoever looks: where empty scenes go, and where filled ones come from.
+/// The drawing end: where empty scenes go, and where filled ones come from.
 #[derive(Debug)]
 pub(crate) struct Pictures {
     pub(crate) wanted: Sender<Box<Scene>>,
@@ -53,7 +53,7 @@ impl Film {
     pub(super) fn take(&self, fill: impl FnOnce(&mut Scene)) {
         if let Ok(mut scene) = self.wanted.try_recv() {
             fill(&mut scene);
-            // Whoever waited for it may have left.
+            // Who waited for it may have left.
             let _ = self.taken.try_send(scene);
         }
     }

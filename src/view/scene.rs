@@ -43,7 +43,7 @@ pub(crate) struct Scene {
 }
 
 impl Scene {
-    /// Whether its parts fit together, for so many agents: whoever draws it relies on that.
+    /// Whether its parts fit together, for so many agents: drawing relies on that.
     pub(super) fn fits(&self, agents: usize) -> bool {
         let places = self.positions.len();
         let ghosts = |ghosts: &Vec<AgedGhost>| {

@@ -13,7 +13,7 @@ use crate::supervisor::{Command, signals};
 /// How a visit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Farewell {
-    /// Whoever looked had seen enough.
+    /// The viewer left.
     SeenEnough,
     /// The swarm has ended.
     Over,
@@ -22,7 +22,7 @@ pub(crate) enum Farewell {
 /// How often it looks: more often than there are pictures, so that none waits long.
 const LOOK: Duration = Duration::from_millis(16);
 
-/// Shows a swarm in the terminal, until it ends or whoever looks has seen enough. It only takes pictures that the swarm
+/// Shows a swarm in the terminal, until it ends or the viewer leaves. It only takes pictures that the swarm
 /// shows in any case, so whether it looks, sleeps or dies makes no difference to the swarm.
 ///
 /// # Errors
@@ -73,7 +73,7 @@ fn look_on(swarm: &Living, guest: &Guest, facts: Facts, live: &mut Live) -> Resu
     }
 }
 
-/// A picture, unless it is none of so many agents.
+/// A picture, unless it does not fit so many agents.
 fn read(picture: &[u8], agents: usize) -> Option<Scene> {
     postcard::from_bytes::<Scene>(picture).ok().filter(|scene| scene.fits(agents))
 }

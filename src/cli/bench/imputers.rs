@@ -35,7 +35,8 @@ pub struct BenchImputers {
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]
     task: String,
 
-    /// The imputers [default: all that the policy supports, except particles and shared-dice]
+    /// The imputers [default: all that the policy supports, except particles, shared-dice, given-dynamics and
+    /// given-teammates]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     imputers: Vec<String>,
 

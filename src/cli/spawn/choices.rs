@@ -1,4 +1,4 @@
-//! What the options of `spawn` amount to: what is played, policy, links, settings of the agents, recorder.
+//! What the options of `spawn` choose: task or environment, policy, links, settings of the agents, recorder.
 
 use std::path::Path;
 use std::time::Duration;
@@ -91,7 +91,7 @@ impl Spawn {
         Ok(Scene { spec, tick, environment: Box::new(hosted), task: None })
     }
 
-    /// The policy; none where every agent is another program, and none is asked for or built in.
+    /// The policy; none if every agent is another program, and no policy is asked for or built in.
     pub(super) fn find_policy(&self, spec: &Spec) -> Result<PolicySource> {
         let is_other = |agent: usize| self.other_agents.iter().any(|(other, _)| *other == agent);
         let source = policy_source(&self.policy, self.seed)?;

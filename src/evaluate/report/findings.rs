@@ -33,7 +33,7 @@ pub fn of_group(summary: &Summary, group: &Group) -> Vec<String> {
     sentences.into_iter().flatten().collect()
 }
 
-/// The imputer that does best where a group has it hardest.
+/// The imputer that does best under a group's hardest condition.
 struct Best<'a> {
     group: &'a Group,
     condition: &'a Condition,
@@ -196,7 +196,7 @@ fn over_tasks(summary: &Summary) -> Option<Vec<String>> {
     Some([Some(result), range, Some(certainty)].into_iter().flatten().collect())
 }
 
-/// The lowest level below 1; if there is none, the first condition without a level; else what there is.
+/// The lowest level below 1; else the first condition without a level; else the first.
 fn hardest(conditions: Vec<&Condition>) -> Option<&Condition> {
     let lossy = conditions.iter().copied().filter_map(|condition| Some((condition.p()?, condition)));
     let lowest = lossy.filter(|(p, _)| *p < 1.0).min_by(|(a, _), (b, _)| a.total_cmp(b));
@@ -210,7 +210,7 @@ fn place(condition: &Condition) -> String {
     if condition.p().is_some() { format!("at {words}") } else { format!("under {words}") }
 }
 
-/// What imputers are ranked by: scores, or mean returns where there are none.
+/// What imputers are ranked by: scores, or mean returns without scores.
 fn merit(cell: &CellSummary) -> Interval {
     cell.score.unwrap_or(cell.mean)
 }

@@ -77,7 +77,7 @@ pub const ORACLE: (&str, &str) = (
     "Not an imputer: the agents are told a part of the truth, and the imputer before the plus imputes the rest. The part is every \
      value about the agent itself, about all other agents, about no agent (landmarks, colours, messages), or about agent \
      K, whoever observes it. The score that an oracle wins back, as a share of the score that its imputer loses, is the loss \
-     explained by not knowing that part. Shares of parts need not add up to 100 %.",
+     explained by not knowing that part. Shares of parts need not add up to 100 %, and one may exceed it.",
 );
 
 /// Imputers, by their names.

@@ -16,7 +16,7 @@ struct Results<'a> {
     summary: &'a Summary,
 }
 
-/// JSON text. Numbers that are none are null.
+/// JSON text. Numbers that are not finite are null.
 pub fn results(summary: &Summary, provenance: &Provenance) -> String {
     let results = Results { format: "vamaro-swarm evaluation", version: 1, provenance, summary };
     serde_json::to_string_pretty(&results).expect("keys are text") + "\n"

@@ -167,7 +167,7 @@ pub fn all_ages(errors: &UnitErrors) -> AgeErrors {
     all
 }
 
-/// A number with this many decimals, never a negative zero; `-` for what is none.
+/// A number with this many decimals, never a negative zero; `-` if it is not finite.
 pub fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.trim_start_matches(['-', '0', '.']) {

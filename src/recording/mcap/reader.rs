@@ -24,7 +24,7 @@ pub(in crate::recording) struct McapEpisodes {
 }
 
 impl McapEpisodes {
-    /// Reads what stands before the episodes.
+    /// Reads what comes before the episodes.
     pub(in crate::recording) fn open(file: File, path: &Path) -> Result<(RecordingHeader, McapEpisodes)> {
         let failed = |what: String| Error::io("read", path, what);
         let mut records = Records::of(file);

@@ -27,7 +27,7 @@ const CLEAR: f32 = 1.0;
 const FAINT: f32 = 0.4;
 const DIM: f32 = 0.2;
 
-/// The agents, the landmarks, and whoever else moves, in a state of an episode.
+/// The agents, the landmarks and the targets, in a state of an episode.
 pub(super) fn world(spec: &Spec, episode: &Episode, state: usize, now: Time) -> SceneUpdate {
     let places = &episode.agent_pos[state];
     let agents = places.iter().enumerate();

@@ -1,4 +1,4 @@
-//! An episode as a film: an animated GIF with few colours, of which each frame holds what has changed.
+//! An episode as a film: an animated GIF with few colours. Each frame holds only what has changed.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -18,7 +18,7 @@ const SHORTEST: f64 = 5.0;
 /// How long the end stays, hundredths of a second.
 const END: u16 = 150;
 
-/// Frames by which the colours are chosen.
+/// How many frames the colours are chosen from.
 const SAMPLES: usize = 12;
 
 /// Says of a pixel that it is as before. The numbers below are colours: there are few of them, for a small file.
