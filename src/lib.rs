@@ -38,8 +38,8 @@
 //! }
 //! ```
 //!
-//! You can bring your own [`Environment`](environment::Environment) (or a [`World`](environment::World), of which the
-//! library makes batches), your own [`Link`](link::Link), and your own [`Imputer`](agent::Imputer) in the registry.
+//! You can bring your own [`Environment`](environment::Environment) (or a [`World`](environment::World), which the
+//! library plays in batches), your own [`Link`](link::Link), and your own [`Imputer`](agent::Imputer) in the registry.
 //! `examples/` has a program for each. An [`Observer`](supervisor::Observer) looks on while episodes are played
 //! ([`Swarm::play_before`]). If you need other parts, put them together as [`Swarm`] does: a
 //! [`Session`](supervisor::Session) plays with a [`Team`](supervisor::Team).
@@ -50,8 +50,8 @@
 //!
 //! # Rooms
 //!
-//! The rooms follow the way of one observation; each depends only on those above it. Those without a page are the
-//! insides of commands.
+//! The rooms follow the way of one observation; each depends only on those above it. Those without a link are internal to
+//! the commands.
 //!
 //! | room | what is in it |
 //! |---|---|

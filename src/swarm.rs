@@ -212,7 +212,7 @@ impl SwarmBuilder {
         self
     }
 
-    /// Has messages also carry the newest that their senders hold of others.
+    /// Agents pass on the newest observation that they hold of each other agent.
     pub fn relay(self) -> SwarmBuilder {
         SwarmBuilder { relay: true, ..self }
     }

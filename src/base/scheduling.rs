@@ -167,9 +167,9 @@ fn pin(process: usize) -> io::Result<()> {
 /// Locks what is mapped and what will be, and brings it all in at once: a page that is faulted in during a tick is
 /// what this shall prevent. (So the stacks of a supervisor's threads are brought in as well.)
 ///
-/// Only where no limit applies: later mappings count too, and the first above the limit would fail, in the middle of
-/// a run. So the limit is lifted before, and where that may not be it is set to 0 for the moment: then the kernel
-/// grants this to those alone whom no limit binds.
+/// Only where no limit applies: later mappings count too, and the first above the limit would fail in the middle of a
+/// run. So this lifts the limit first. If that is refused, it sets the limit to 0 for the moment: then the kernel locks
+/// memory only for processes that no limit binds.
 fn lock_memory() -> io::Result<()> {
     let limit = getrlimit(Resource::Memlock);
     let current = limit.maximum.map(|_| 0);

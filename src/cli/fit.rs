@@ -27,13 +27,13 @@ Examples:
 
 For `dynamics`, agents act at random, everything is observed, and the law of
 motion is fitted to that: the share of its velocity that a body keeps, what each
-action adds, how far a step moves, and how agents push each other. With
---physics it is fitted to other physics than the policy was trained with.
-Any other name is that of a new predictor, an LSTM that also sees its agent's
-own action. It learns in closed loop: it imputes for the policy's agents while
-links deliver with a probability drawn for each episode. The policy's own
-weights stay as they are. The same command continues a fit that was interrupted
-or killed; the result is bit-identical.")]
+action adds, how far a step moves, and how agents push each other. --physics
+fits it to other physics than those the policy was trained with.
+Any other name makes a new predictor: an LSTM that also sees its agent's own
+action. It learns in closed loop: it imputes for the policy's agents while links
+deliver with a probability drawn for each episode. The policy's own weights stay
+as they are. The same command continues a fit that was interrupted or killed;
+the result is bit-identical.")]
 pub struct Fit {
     /// A policy file, or the folder of a training run
     #[arg(value_name = "FILE|DIR")]
@@ -126,7 +126,7 @@ impl Fit {
     }
 
     fn fit_dynamics(&self, policy: Policy, task: &Task) -> Result<Policy> {
-        let fitted = fit(task, self.seed, self.episodes)?;
+        let fitted = fit(task, self.seed, self.episodes, signals::check_stop)?;
         let physics = self.physics.if_other();
         print(&format!(
             "{}: dynamics from {}{physics}\n{}",

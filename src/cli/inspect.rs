@@ -94,12 +94,10 @@ fn policy(path: &Path) -> Result<Content> {
     let rows = table(&["tensor", "shape", "values"], rows.chain(graphs));
     let predictors: Vec<String> = networks.predictors.iter().map(predictor_words).collect();
     let text = format!(
-        "{kind} for {}\nalgorithm   {}, {} env steps, seed {}\norigin      {}\nwritten by  {}\nactor       {actor}\n\
+        "{kind} for {}\nalgorithm   {}\norigin      {}\nwritten by  {}\nactor       {actor}\n\
          predictors  {}\ndynamics    {}\nparameters  {parameters}\n\n{rows}",
         meta.task,
-        meta.algorithm,
-        meta.steps,
-        meta.seed,
+        training_words(meta),
         meta.origin,
         meta.program,
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
@@ -142,6 +140,14 @@ fn onnx_words(spec: &OnnxSpec) -> String {
     let id = if spec.agent_id { " and its id" } else { "" };
     let normalised = if spec.normalise.is_some() { ", normalised" } else { "" };
     format!("sees {sees}{id}{normalised}, says {says}")
+}
+
+/// How it was trained, as far as it says.
+fn training_words(meta: &Meta) -> String {
+    match (&meta.algorithm[..], meta.steps, meta.seed) {
+        ("unknown", 0, 0) => "unknown, and so are env steps and seed".to_owned(),
+        (algorithm, steps, seed) => format!("{algorithm}, {steps} env steps, seed {seed}"),
+    }
 }
 
 fn predictor_words(predictor: &PredictorSpec) -> String {

@@ -68,7 +68,7 @@ requirement is not met, 130 interrupted.";
 enum Command {
     /// Start a swarm, play episodes, and report how the team did
     Spawn(spawn::Spawn),
-    /// Watch a swarm that is running, in the terminal
+    /// Watch a running swarm in the terminal
     #[cfg(feature = "view")]
     Top(top::Top),
     /// Train a team with MAPPO or IPPO, and predictors alongside it
@@ -77,7 +77,7 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     /// List the tasks: ids, aliases, team sizes, dimensions
     Tasks(tasks::Tasks),
-    /// Convert PyTorch state dicts to a policy file
+    /// Convert ONNX files, or PyTorch state dicts, to a policy file
     Import(import::Import),
     /// Write a policy in half precision, to archive it
     Export(export::Export),
@@ -89,7 +89,7 @@ enum Command {
     Replay(replay::Replay),
     /// Recompute recordings, traces and updates, and compare
     Verify(verify::Verify),
-    /// Draw the learning curves of training runs
+    /// Draw the learning curves of training runs, or what links do
     Plot(plot::Plot),
     /// Measure how fast this program is on this machine
     Bench(bench::Bench),

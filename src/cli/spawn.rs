@@ -42,8 +42,8 @@ pub struct Spawn {
     #[arg(long, value_name = "T")]
     task: Option<String>,
 
-    /// Play in the environment that this command hosts, in a process of its own, such as
-    /// 'python3 -m vamaro_swarm.serve mpe2.simple_spread_v3' for one of PettingZoo; docs/python.md says more
+    /// Play in an environment that this command hosts in a process of its own, such as
+    /// 'python3 -m vamaro_swarm.serve mpe2.simple_spread_v3' for one of PettingZoo's (docs/python.md)
     #[arg(long = "env", value_name = "COMMAND", value_parser = command_line,
         conflicts_with_all = ["task", "agents", "physics", "record"])]
     environment: Option<AgentCommand>,
@@ -52,7 +52,7 @@ pub struct Spawn {
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     agents: Option<usize>,
 
-    /// Probability that an observation is delivered: --links 'level(P)' [default: 1, without --links]
+    /// Probability that an observation is delivered, the same as --links 'level(P)' [default: 1, without --links]
     #[arg(long, value_name = "P", value_parser = probability, allow_negative_numbers = true,
         conflicts_with = "drop")]
     p: Option<f64>,
@@ -61,13 +61,13 @@ pub struct Spawn {
     #[arg(long, value_name = "D", value_parser = probability, allow_negative_numbers = true)]
     drop: Option<f64>,
 
-    /// Links: models, listed below, or a file with a communication matrix, one row per receiver. With --p or --drop
-    /// these links follow theirs in a chain
+    /// Link models, listed below, or a file with a communication matrix, one row per receiver. --p or --drop puts a
+    /// `level` in front of them
     #[arg(long, value_name = "LINKS|FILE")]
     links: Option<String>,
 
-    /// Have messages also carry the newest that their senders hold of others, with its age: what was lost on one way may
-    /// arrive on another, a tick later for each hop
+    /// Agents pass on the newest observation that they hold of each other agent, with its age: what one link loses may
+    /// arrive through another agent, a tick later for each hop
     #[arg(long)]
     relay: bool,
 
@@ -86,9 +86,8 @@ pub struct Spawn {
     #[arg(long, value_name = "NAME", help = imputer_help("dynamics if fitted to the policy, else value-aware"))]
     imputer: Option<String>,
 
-    /// Start this command in place of agent I, such as '2=python3 agents/python/hold.py'; may be given for several
-    /// agents. The program may be in any language: docs/protocol.md says what it must do. Quotes work as in a shell,
-    /// variables do not
+    /// Start this command in place of agent I, such as '2=python3 agents/python/hold.py'; may be repeated. The program may
+    /// be in any language: docs/protocol.md says what it must do. Quotes work as in a shell, variables do not
     #[arg(long = "agent", value_name = "I=COMMAND", value_parser = other_agent, conflicts_with = "in_process")]
     other_agents: Vec<(usize, AgentCommand)>,
 
@@ -157,7 +156,7 @@ pub struct Spawn {
     chaos: Option<ChaosSpec>,
 
     /// Exit with code 3 unless the run meets this bound on return, delivered, late, missed, absent, deaths, hangs or
-    /// rate, such as 'missed<=0.001' or 'rate>=99'; may be given several times
+    /// rate, such as 'missed<=0.001' or 'rate>=99'; may be repeated
     #[arg(long, value_name = "REQUIREMENT", help_heading = FAULTS)]
     require: Vec<Requirement>,
 

@@ -167,6 +167,8 @@ impl Summary<'_> {
         match &self.settings.policy {
             PolicySource::Untrained(_) => self.settings.policy.to_string(),
             PolicySource::Nobody => "none: every agent is another program".to_owned(),
+            // Of a policy that was imported nobody may have said for how long it was trained.
+            source if self.policy.steps == 0 => format!("{source}: {}", self.policy.origin),
             source => {
                 format!("{source}: {}, {} env steps", self.policy.origin, thousands(self.policy.steps))
             }

@@ -1,27 +1,24 @@
 //! `train`: teach a team, alone or seed by seed.
 
+mod summary;
+
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
-use indicatif::HumanDuration;
 use rustix::process::Signal;
-use serde_json::json;
 
 use super::campaign::{Campaign, Seeds, out_of_seed};
 use super::reporter::Reporter;
-use super::{PHYSICS_HELP, keep_candle_to_its_thread, print, print_json, table, tell};
+use super::{PHYSICS_HELP, keep_candle_to_its_thread, tell};
 use crate::agent::process::leave_with;
 use crate::base::error::Result;
-use crate::base::table::counted;
 use crate::base::threads::cores;
 use crate::bus::Wait;
 use crate::environment::PhysicsSpec;
 use crate::supervisor::{InProcess, OnFailure, Processes, signals};
-use crate::train::{
-    Algorithm, Backend, Checkpoint, Config, Layer, Pace, Preset, Run, RunFolder, Trial, estimate,
-};
+use crate::train::{Algorithm, Backend, Config, Layer, Pace, Preset, Run, RunFolder};
 use crate::usage;
 
 /// Train a team with MAPPO or IPPO, and predictors alongside it
@@ -53,12 +50,12 @@ pub struct Train {
     #[arg(long, value_name = "LIST")]
     predictors: Option<String>,
 
-    /// Probability of delivery while the policy trains, or links as `spawn --links` takes them, such as `uniform`: one
-    /// probability drawn per episode [default: 1]
+    /// Probability of delivery while the policy trains, or links as for `spawn --links`, such as `uniform`, which draws one
+    /// probability per episode [default: 1]
     #[arg(long, value_name = "P|LINKS", allow_negative_numbers = true)]
     train_p: Option<String>,
 
-    /// Have messages also carry the newest that their senders hold of others, in training and in its tests
+    /// Agents pass on the newest observation that they hold of each other agent, in training and in its tests
     #[arg(long)]
     relay: bool,
 
@@ -89,12 +86,12 @@ pub struct Train {
     #[arg(long, value_name = "SEEDS")]
     seeds: Option<Seeds>,
 
-    /// With --seeds, how many runs go at the same time; they share the threads
+    /// With --seeds, how many runs train at the same time; they share the threads
     #[arg(long, value_name = "J", default_value_t = 1, requires = "seeds",
         value_parser = clap::value_parser!(u32).range(1..))]
     jobs: u32,
 
-    /// Threads that learn [default: one per core]; the result does not depend on it
+    /// Threads that learn [default: one per core]; their number does not affect the result
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     threads: Option<u32>,
 
@@ -108,7 +105,14 @@ pub struct Train {
 
     /// What to do when an agent dies or hangs: abort, or restart the team and repeat the episodes it was playing; the result
     /// is bit-identical to an undisturbed run
-    #[arg(long, value_enum, value_name = "WHAT", default_value_t, conflicts_with = "in_process")]
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WHAT",
+        default_value_t,
+        hide_possible_values = true,
+        conflicts_with = "in_process"
+    )]
     on_failure: OnFailure,
 
     /// The longest time between checkpoints, seconds
@@ -116,7 +120,7 @@ pub struct Train {
         allow_negative_numbers = true)]
     checkpoint_every: f64,
 
-    /// Show what would be done: all settings, time (measured for some seconds), disk and memory; write nothing
+    /// Write nothing; show all settings, and the time (measured in a few seconds), disk and memory that the run would take
     #[arg(long)]
     dry_run: bool,
 
@@ -261,7 +265,7 @@ impl Train {
         layer
     }
 
-    /// The command line of the run of one seed of a campaign, of which `jobs` go on at the same time.
+    /// The command line that runs one seed of a campaign, in which `jobs` runs go on at the same time.
     fn arguments_for(&self, seed: u64, jobs: usize) -> Result<Vec<OsString>> {
         // A run that has begun knows its task.
         let out = match &self.out {
@@ -317,86 +321,6 @@ impl Train {
             checkpoint_every: Duration::from_secs_f64(self.checkpoint_every),
         }
     }
-
-    fn print_plan(&self, config: &Config, out: &Path) -> Result<()> {
-        let from = if self.resume {
-            Checkpoint::open(&RunFolder::checkpoint_in(out))?.progress.timestep()
-        } else {
-            0
-        };
-        let threads = threads(self.threads);
-        let plan = estimate(config, threads, from)?;
-        if self.json {
-            return print_json(&json!({
-                "out": out,
-                "from": from,
-                "steps": config.steps,
-                "updates": plan.updates,
-                "rows": plan.rows,
-                "env_steps_per_s": plan.steps_per_second,
-                "duration_s": plan.duration.as_secs_f64(),
-                "disk_bytes": plan.disk,
-                "memory_bytes": plan.memory,
-                "config": config,
-            }));
-        }
-        let goes_on = if from > 0 { format!("continues from {from}; ") } else { String::new() };
-        print(&format!(
-            "# {}: {goes_on}up to {} MB of disk, {} MB of memory\n# {} env steps to go, {} updates, {} rows of \
-             metrics.csv\n# about {} at {:.0} env steps/s, tests included (measured now, in-process, {threads} \
-             threads)\n{}",
-            out.display(),
-            plan.disk.div_ceil(1_000_000),
-            plan.memory.div_ceil(1_000_000),
-            config.steps.saturating_sub(from),
-            plan.updates,
-            plan.rows,
-            HumanDuration(plan.duration),
-            plan.steps_per_second,
-            config.to_toml(),
-        ))
-    }
-
-    fn summarise(&self, run: &Run, from: u64, elapsed: Duration) -> Result<()> {
-        let (config, steps) = (run.config(), run.timestep());
-        let per_second = (steps - from) as f64 / elapsed.as_secs_f64();
-        if self.json {
-            let tests = run.trials().iter().map(|trial| {
-                json!({
-                    "imputer": trial.imputer,
-                    "p": trial.level,
-                    "episodes": config.test_episodes,
-                    "return_mean": trial.return_mean,
-                    "return_std": trial.return_std,
-                    "imputation_rmse": trial.imputation_rmse,
-                })
-            });
-            return print_json(&json!({
-                "task": config.task,
-                "seed": config.seed,
-                "out": run.folder(),
-                "timesteps": steps,
-                "env_steps_per_s": per_second,
-                "elapsed_s": elapsed.as_secs_f64(),
-                "trained_s": run.seconds(),
-                "tests": tests.collect::<Vec<_>>(),
-            }));
-        }
-        let (name, folder) = (format!("{}, seed {}", config.task, config.seed), run.folder().display());
-        if steps == from {
-            return print(&format!(
-                "{name}: {folder} has already been trained for its {steps} env steps; ask for more with --steps\n"
-            ));
-        }
-        let curves = if config.test_episodes > 0 { "curves.svg, " } else { "" };
-        let since = if from > 0 { format!(" from {from} on") } else { String::new() };
-        print(&format!(
-            "{name}: {steps} env steps{since} in {:.1} s ({per_second:.0}/s)\n{}wrote {folder}: policy.safetensors, \
-             metrics.csv, {curves}..\n",
-            elapsed.as_secs_f64(),
-            returns_table(run.trials(), config.test_episodes),
-        ))
-    }
 }
 
 /// The threads that were asked for, or one per core.
@@ -413,19 +337,6 @@ fn name(value: Option<&impl ValueEnum>) -> Option<String> {
 /// Where a run goes if nobody says so.
 fn default_out(config: &Config) -> PathBuf {
     PathBuf::from("runs").join(format!("{}-{}", config.task, config.seed))
-}
-
-/// Mean returns of the last test, a row per imputer and a column per level.
-fn returns_table(trials: &[Trial], episodes: u64) -> String {
-    let Some(first) = trials.first() else { return String::new() };
-    let of_first = trials.iter().take_while(|trial| trial.imputer == first.imputer);
-    let mut header = vec![format!("return ({})", counted(episodes, "episode"))];
-    header.extend(of_first.map(|trial| format!("p = {}", trial.level)));
-    let rows = trials.chunk_by(|a, b| a.imputer == b.imputer).map(|trials| {
-        let returns = trials.iter().map(|trial| format!("{:.1}", trial.return_mean));
-        std::iter::once(trials[0].imputer.clone()).chain(returns).collect()
-    });
-    table(&header.iter().map(String::as_str).collect::<Vec<_>>(), rows)
 }
 
 /// Reads `1000000`, `1e6`, `5M` or `250k`.

@@ -26,21 +26,22 @@ pub struct Fitted {
 const FEWEST_CONTACTS: usize = 20;
 
 /// Fits the dynamics of a task to so many episodes, the first ones of `seed`, in which agents act at random and
-/// everything is seen. By least absolute deviations: steps in which agents touch do not disturb the rest.
+/// everything is seen. By least absolute deviations: steps in which agents touch do not disturb the rest. `go_on` is asked
+/// again and again; its error ends the fit.
 ///
 /// # Errors
 /// `Usage` if the task does not say which values are velocities, or has no discrete actions; `Failed` if velocities do
-/// not follow such a law; whatever the environment fails with.
-pub fn fit(task: &Task, seed: u64, episodes: u64) -> Result<Fitted> {
+/// not follow such a law; whatever the environment or `go_on` fails with.
+pub fn fit(task: &Task, seed: u64, episodes: u64, go_on: impl Fn() -> Result<()>) -> Result<Fitted> {
     let spec = task.spec();
     let bodies = Bodies::of(spec)?;
     if (0..spec.n_agents()).any(|agent| spec.available_actions(agent) == 0) {
         return Err(usage!("dynamics are fitted to discrete actions; {} has others", spec.id));
     }
-    let steps = play(task, seed, episodes)?;
+    let steps = play(task, seed, episodes, &go_on)?;
     let pushes = Pushes::of(spec);
     let velocities = pushes.equations(&bodies, &steps);
-    let motion = velocities.solve();
+    let motion = velocities.solve(&go_on)?;
     let velocity_error = velocities.median_error(&motion);
     let mut still = vec![0.0; motion.len()];
     still[0] = 1.0;
@@ -55,7 +56,7 @@ pub fn fit(task: &Task, seed: u64, episodes: u64) -> Result<Fitted> {
         ));
     }
     let places = place_equations(&bodies, &steps);
-    let shares = places.solve();
+    let shares = places.solve(&go_on)?;
     let mut dynamics = Dynamics {
         keep: rounded(motion[0]),
         pushes: pushes.of_solution(&motion),
@@ -65,7 +66,7 @@ pub fn fit(task: &Task, seed: u64, episodes: u64) -> Result<Fitted> {
     };
     let certain = (10.0 * velocity_error).max(1e-3);
     let touches = touches(&dynamics, &bodies, &steps, certain);
-    dynamics.contact = contact(&touches, certain);
+    dynamics.contact = contact(&touches, certain, &go_on)?;
     let place_error = places.median_error(&shares);
     Ok(Fitted { dynamics, velocity_error, place_error, contacts: touches.len() })
 }
@@ -82,13 +83,14 @@ struct Step {
     after: Vec<f32>,
 }
 
-fn play(task: &Task, seed: u64, episodes: u64) -> Result<Vec<Step>> {
+fn play(task: &Task, seed: u64, episodes: u64, go_on: impl Fn() -> Result<()>) -> Result<Vec<Step>> {
     let (spec, mut world) = (task.spec(), task.environment(1));
     let (agents, unique, padded) = (spec.n_agents(), spec.unique_dim(), spec.padded_obs_dim());
     let mut outcome = Outcome::of(1, agents);
     let mut steps = Vec::new();
     let mut seen = vec![0.0; agents * padded];
     for episode in 0..episodes {
+        go_on()?;
         world.reset(0, seed, episode)?;
         for step in 0..spec.episode_steps as u64 {
             let mut joint = |world: &mut dyn Environment| -> Result<Vec<f32>> {
@@ -194,22 +196,37 @@ fn touches(dynamics: &Dynamics, bodies: &Bodies, steps: &[Step], certain: f64) -
 
 /// The line through what was seen: how hard agents push each other by how far they are apart. None if that is too little,
 /// or no line, or if pushes below `certain` are missing that the line would need.
-fn contact(touches: &[(f64, f64)], certain: f64) -> Option<Contact> {
+fn contact(touches: &[(f64, f64)], certain: f64, go_on: impl Fn() -> Result<()>) -> Result<Option<Contact>> {
     let mut line = Equations::of(2);
     touches.iter().for_each(|&(apart, push)| line.push(vec![(0, 1.0), (1, -apart)], push));
-    let solution = line.solve();
-    let [touching, stiffness] = solution[..] else { return None };
+    let solution = line.solve(go_on)?;
+    let [touching, stiffness] = solution[..] else { return Ok(None) };
     let typical = median(touches.iter().map(|(_, push)| push.abs()).collect());
     let is_line = stiffness > 0.0 && line.median_error(&solution) < 0.05 * typical;
     let is_whole = certain < 0.25 * typical;
     let contact = Contact { stiffness: rounded(stiffness), distance: rounded(touching / stiffness) };
-    (line.len() >= FEWEST_CONTACTS && is_line && is_whole && contact.distance > 0.0).then_some(contact)
+    let is_certain = line.len() >= FEWEST_CONTACTS && is_line && is_whole && contact.distance > 0.0;
+    Ok(is_certain.then_some(contact))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::environment::PhysicsSpec;
+
+    #[test]
+    fn a_fit_ends_when_it_may_not_go_on() {
+        let task = Task::parse("hear-see").unwrap();
+        // Before it plays, while it plays, and while it solves equations.
+        for asked in [0u32, 10, 30] {
+            let left = std::cell::Cell::new(asked);
+            let go_on = || match left.replace(left.get().saturating_sub(1)) {
+                0 => Err(failed!("enough")),
+                _ => Ok(()),
+            };
+            assert_eq!(fit(&task, 0, 20, go_on).unwrap_err().to_string(), "enough", "{asked}");
+        }
+    }
 
     #[test]
     fn the_physics_of_the_paper_is_recovered_from_play() {
@@ -220,7 +237,8 @@ mod tests {
             ("spread-blindfold", Some(0.3)),
         ] {
             let task = Task::parse(name).unwrap();
-            let Fitted { dynamics, velocity_error, place_error, contacts } = fit(&task, 0, 100).unwrap();
+            let Fitted { dynamics, velocity_error, place_error, contacts } =
+                fit(&task, 0, 100, || Ok(())).unwrap();
             assert!(velocity_error < 1e-6 && place_error < 1e-6, "{name}: {velocity_error} {place_error}");
             assert!((dynamics.keep - 0.75).abs() < 1e-5, "{name}: {dynamics:?}");
             assert!(
@@ -248,7 +266,8 @@ mod tests {
         for (name, distance, motor_noise) in [("spread-xy-2", None, 0.5), ("spread-xy-4", Some(0.2), 0.02)] {
             let physics = PhysicsSpec { motor_noise, damping: 0.3, mass: 1.25, wind: 0.0 };
             let task = Task::parse(name).unwrap().with_physics(physics).unwrap();
-            let Fitted { dynamics, velocity_error, place_error, .. } = fit(&task, 0, 1000).unwrap();
+            let Fitted { dynamics, velocity_error, place_error, .. } =
+                fit(&task, 0, 1000, || Ok(())).unwrap();
             // Half of the errors of a normal distribution are below 0.6745 of its standard deviation.
             let expected = 0.6745 * 0.4 * motor_noise;
             assert!((velocity_error / expected - 1.0).abs() < 0.05, "{name}: {velocity_error}");
@@ -274,7 +293,8 @@ mod tests {
     /// There places move by the old velocity, and agents see each other only from where they are themselves.
     #[test]
     fn the_other_order_of_integration_is_recognised() {
-        let Fitted { dynamics, .. } = fit(&Task::parse("simple-spread-3").unwrap(), 0, 100).unwrap();
+        let Fitted { dynamics, .. } =
+            fit(&Task::parse("simple-spread-3").unwrap(), 0, 100, || Ok(())).unwrap();
         assert!((dynamics.keep - 0.75).abs() < 1e-5, "{dynamics:?}");
         assert!((dynamics.before - 0.1).abs() < 1e-5 && dynamics.after.abs() < 1e-5, "{dynamics:?}");
     }
@@ -282,9 +302,10 @@ mod tests {
     #[test]
     fn a_body_that_moves_alone_goes_where_the_dynamics_say() {
         let task = Task::parse("hear-see").unwrap();
-        let (dynamics, bodies) = (fit(&task, 0, 20).unwrap().dynamics, Bodies::of(task.spec()).unwrap());
+        let (dynamics, bodies) =
+            (fit(&task, 0, 20, || Ok(())).unwrap().dynamics, Bodies::of(task.spec()).unwrap());
         // Other episodes than those of the fit.
-        for episode in play(&task, 7, 3).unwrap().chunks_exact(25) {
+        for episode in play(&task, 7, 3, || Ok(())).unwrap().chunks_exact(25) {
             let mut joint = episode[0].before.clone();
             for step in episode {
                 let before = joint.clone();

@@ -1,5 +1,7 @@
 //! Least absolute deviations: what most equations agree on, whatever the others say.
 
+use crate::base::error::Result;
+
 /// Linear equations `sum of coefficient * unknown = value`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Equations {
@@ -26,11 +28,12 @@ impl Equations {
     }
 
     /// What minimises the sum of the absolute errors, by iteratively reweighted least squares; zero for an unknown that
-    /// is in no equation.
-    pub(super) fn solve(&self) -> Vec<f64> {
+    /// is in no equation. `go_on` is asked before each round, and its error is returned.
+    pub(super) fn solve(&self, go_on: impl Fn() -> Result<()>) -> Result<Vec<f64>> {
         let n = self.unknowns;
         let mut solution = vec![0.0; n];
         for round in 0..ROUNDS {
+            go_on()?;
             let (mut matrix, mut right) = (vec![vec![0.0; n]; n], vec![0.0; n]);
             for (row, value) in &self.rows {
                 let weight = match round {
@@ -44,7 +47,7 @@ impl Equations {
             }
             solution = eliminate(matrix, right);
         }
-        solution
+        Ok(solution)
     }
 
     /// The median of the absolute errors of a solution.
@@ -101,7 +104,7 @@ mod tests {
             let wrong = if at % 4 == 0 { x * x } else { 0.0 };
             equations.push(vec![(0, x), (1, 1.0)], 2.0 * x - 3.0 + wrong);
         }
-        let solution = equations.solve();
+        let solution = equations.solve(|| Ok(())).unwrap();
         assert!((solution[0] - 2.0).abs() < 1e-6 && (solution[1] + 3.0).abs() < 1e-6, "{solution:?}");
         assert_eq!(solution[2], 0.0, "no equation speaks of it");
         assert!(equations.median_error(&solution) < 1e-6);

@@ -1,7 +1,7 @@
-//! How bodies move: a law of motion that is fitted to play, and what it says of the next step.
+//! How bodies move: a law of motion fitted to play, and what it predicts for the next step.
 //!
-//! Nothing of it is given by hand but what a [`Spec`] says of each observed value: its unit, its axis, whom it tells of
-//! and which value is its rate of change.
+//! All that is given by hand is what a [`Spec`] says of each observed value: its unit, its axis, whom it is about, and
+//! which value is its rate of change.
 
 mod bodies;
 mod fit;

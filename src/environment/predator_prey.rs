@@ -11,7 +11,7 @@ use super::{About, ActionSpace, AgentSpec, Axis, Body, PaperSetting, Physics, Sp
 use crate::base::rng::Draws;
 
 pub(super) const FAMILY: Family = Family {
-    summary: "agents that see only what is near hunt a prey, which flees; who sees it must tell",
+    summary: "agents hunt a prey that flees; each sees it only nearby, and must tell the others where it is",
     named: &[named(3, "predator-prey-3", &[])],
     any_size: Some(AnySize { prefix: "predator-prey-", group: 1 }),
     spec,

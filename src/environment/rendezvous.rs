@@ -10,7 +10,7 @@ use super::point_mass::{Plane, Rules, worlds, write};
 use super::{About, ActionSpace, AgentSpec, Axis, Body, Physics, Spec, Value};
 
 pub(super) const FAMILY: Family = Family {
-    summary: "agents see only themselves; wind and unsteady motors carry them off, and they meet wherever they are",
+    summary: "agents see only themselves; wind and noisy motors carry them off, and they must meet, wherever that is",
     named: &[named(3, "rendezvous-3", &[])],
     any_size: Some(AnySize { prefix: "rendezvous-", group: 1 }),
     spec,
@@ -21,7 +21,7 @@ pub(super) const FAMILY: Family = Family {
 /// Standard deviation of the wind, in units of a full push: it is often stronger than a motor.
 const WIND: f64 = 1.0;
 
-/// That of the motors' errors: in an episode they carry an agent 0.8 m off along each axis.
+/// That of the motors' errors: in an episode they carry an agent 0.7 m off along each axis.
 const MOTOR_NOISE: f64 = 0.8;
 
 /// That of both.

@@ -1,4 +1,4 @@
-//! Scout: one agent sees a target that moves as nobody foresees, and all must stay with it.
+//! Scout: one agent sees a target that moves unpredictably, and all must stay with it.
 
 use super::family::{AnySize, Family, named};
 use super::point_mass::{Plane, Rules, worlds, write};
@@ -6,7 +6,7 @@ use super::{About, ActionSpace, AgentSpec, Axis, Body, PaperSetting, Physics, Sp
 use crate::base::rng::Draws;
 
 pub(super) const FAMILY: Family = Family {
-    summary: "one agent sees a target that moves as nobody foresees; all stay with it",
+    summary: "one agent sees a target that moves unpredictably; all must stay with it",
     named: &[named(3, "scout-3", &[])],
     any_size: Some(AnySize { prefix: "scout-", group: 1 }),
     spec,

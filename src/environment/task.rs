@@ -9,7 +9,7 @@ use super::{Environment, PhysicsSpec, Spec};
 use crate::base::error::Result;
 use crate::usage;
 
-/// A task: an environment with a name, of which as many worlds can be made as are needed.
+/// A task: an environment with a name. It makes as many worlds as are needed.
 #[derive(Clone)]
 pub struct Task {
     spec: Spec,

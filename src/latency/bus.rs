@@ -8,10 +8,10 @@ use crate::bus::{
     AgentPort, AgentSharedPort, Header, Kind, Layout, PROTOCOL, Sample, SupervisorPort, SwarmAddress, Wait,
 };
 
-/// One of two agents of a swarm, by the very ports that agents have.
+/// One of two agents of a swarm, with the ports that agents have.
 ///
-/// As in any swarm an observation goes to all agents and the supervisor. The supervisor's ports are with the first
-/// agent, so that whoever is to be woken is woken by whom he is woken by in a swarm.
+/// As in any swarm an observation goes to all agents and the supervisor. The first agent also holds the supervisor's
+/// ports, so that each is woken as in a swarm.
 pub(super) struct BusEnd {
     port: AgentSharedPort,
     supervisor: Option<SupervisorPort>,

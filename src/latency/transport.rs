@@ -10,8 +10,8 @@ use crate::base::error::Result;
 /// One end of a way to another process and back. Messages are of one size, and each is answered before the next is
 /// sent.
 pub(super) trait Transport {
-    /// Sends a message that `fill` writes: in place where the way leads through shared memory, else in memory of its
-    /// own, of which the kernel makes a copy. Wakes the other end if it sleeps.
+    /// Sends a message that `fill` writes: in place if the way leads through shared memory, else in memory of its own,
+    /// which the kernel copies. Wakes the other end if it sleeps.
     fn send(&mut self, fill: impl FnOnce(&mut [u8])) -> Result<()>;
 
     /// Shows `read` the message that has come in, if one has; whether there was one.

@@ -4,8 +4,8 @@ use super::{Context, Domain, Fates, Gilbert, Link, Model, Parameter, complement}
 use crate::base::error::Result;
 use crate::base::rng::Purpose;
 
-/// `gemodel(p, r, 1-h, 1-k)`: the links of [`Gilbert`], of which a bad one loses with probability 1 - h and a good one with
-/// 1 - k, each observation by itself.
+/// `gemodel(p, r, 1-h, 1-k)`: the links of [`Gilbert`], but a bad one loses each observation with probability 1 - h and a
+/// good one with 1 - k, independently.
 ///
 /// Names and order of the parameters are those of netem's `loss gemodel`. With 1 - h = 1 and 1 - k = 0 it is
 /// `gilbert(p, r)`.

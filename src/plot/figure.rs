@@ -58,7 +58,7 @@ impl Figure {
     }
 
     /// The chart as a PDF document for a column of a paper: 252 points wide, with text of 8 points in Helvetica, and
-    /// without the title, for which a paper has captions.
+    /// without the title: a paper has captions.
     #[cfg(feature = "cli")]
     pub fn to_pdf(&self) -> Vec<u8> {
         pdf(&self.draw(&COLUMN, [Scale::Linear; 2]))

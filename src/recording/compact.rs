@@ -30,7 +30,6 @@ pub(super) struct CompactEpisodes {
     file: BufReader<File>,
     decoder: Decoder,
     read: u64,
-    is_over: bool,
 }
 
 impl CompactEpisodes {
@@ -50,11 +49,11 @@ impl CompactEpisodes {
         let mut header = vec![0; length as usize];
         read(&mut file, &mut header, "its header").map_err(failed)?;
         let (about, decoder) = Decoder::of(&header, Some(version), path)?;
-        Ok((about, CompactEpisodes { file, decoder, read: 0, is_over: false }))
+        Ok((about, CompactEpisodes { file, decoder, read: 0 }))
     }
 
     /// The next episode; an error in words.
-    fn next_episode(&mut self) -> std::result::Result<Option<Episode>, String> {
+    pub(super) fn next_episode(&mut self) -> std::result::Result<Option<Episode>, String> {
         let within = format!("episode {} of those in the file", self.read);
         let mut steps = [0; 4];
         read(&mut self.file, &mut steps, &within)?;
@@ -83,19 +82,6 @@ impl CompactEpisodes {
             0 => Ok(()),
             _ => Err("there is something behind its end".to_owned()),
         }
-    }
-}
-
-impl Iterator for CompactEpisodes {
-    type Item = std::result::Result<Episode, String>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        if self.is_over {
-            return None;
-        }
-        let next = self.next_episode().transpose();
-        self.is_over = !matches!(next, Some(Ok(_)));
-        next
     }
 }
 

@@ -15,6 +15,7 @@ pub(crate) struct Reader {
     pub(crate) header: RecordingHeader,
     path: PathBuf,
     episodes: Episodes,
+    is_over: bool,
 }
 
 enum Episodes {
@@ -48,13 +49,13 @@ impl Reader {
         let path = path.to_owned();
         if beginning == compact::MAGIC {
             let (header, episodes) = CompactEpisodes::open(file, &path)?;
-            return Ok(Reader { header, path, episodes: Episodes::Compact(episodes) });
+            return Ok(Reader { header, path, episodes: Episodes::Compact(episodes), is_over: false });
         }
         if beginning == MCAP {
             #[cfg(feature = "mcap")]
             let (header, episodes) = McapEpisodes::open(file, &path)?;
             #[cfg(feature = "mcap")]
-            return Ok(Reader { header, path, episodes: Episodes::Mcap(Box::new(episodes)) });
+            return Ok(Reader { header, path, episodes: Episodes::Mcap(Box::new(episodes)), is_over: false });
             #[cfg(not(feature = "mcap"))]
             return Err(Error::io("read", &path, "this program was built without the feature `mcap`"));
         }
@@ -65,7 +66,8 @@ impl Reader {
             header.longest_delay = header.longest_delay.max(longest_delay);
         }
         let is_trace = episodes.iter().any(|episode| !episode.joint_estimate.is_empty());
-        Ok(Reader { header, path, episodes: Episodes::Whole { episodes: episodes.into_iter(), is_trace } })
+        let episodes = Episodes::Whole { episodes: episodes.into_iter(), is_trace };
+        Ok(Reader { header, path, episodes, is_over: false })
     }
 
     /// Whether the agents' side is recorded as well.
@@ -97,16 +99,18 @@ impl Iterator for Reader {
     type Item = Result<Episode>;
 
     fn next(&mut self) -> Option<Result<Episode>> {
-        match &mut self.episodes {
-            Episodes::Whole { episodes, .. } => episodes.next().map(Ok),
-            Episodes::Compact(episodes) => {
-                episodes.next().map(|episode| episode.map_err(|what| Error::io("read", &self.path, what)))
-            }
-            #[cfg(feature = "mcap")]
-            Episodes::Mcap(episodes) => {
-                episodes.next().map(|episode| episode.map_err(|what| Error::io("read", &self.path, what)))
-            }
+        if self.is_over {
+            return None;
         }
+        let next = match &mut self.episodes {
+            Episodes::Whole { episodes, .. } => Ok(episodes.next()),
+            Episodes::Compact(episodes) => episodes.next_episode(),
+            #[cfg(feature = "mcap")]
+            Episodes::Mcap(episodes) => episodes.next_episode(),
+        };
+        // Behind an error there is nothing that can be trusted.
+        self.is_over = !matches!(next, Ok(Some(_)));
+        next.map_err(|what| Error::io("read", &self.path, what)).transpose()
     }
 }
 

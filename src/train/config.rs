@@ -118,11 +118,11 @@ pub enum Preset {
     /// for the other tasks
     #[default]
     Paper,
-    /// The habits of the `mappo` configuration in the paper's published code: shared networks, an update after
-    /// every episode, rewards as they are
+    /// The settings of the `mappo` configuration in the paper's published code: shared networks, an update after
+    /// every episode, rewards not standardised
     PublishedCode,
-    /// The settings in the paper's text, but for one small actor that all agents share, and small critics and predictors:
-    /// policies of a few hundred kilobytes
+    /// The settings in the paper's text, except for one small actor that all agents share, and small critics and
+    /// predictors: policies of a few hundred kilobytes
     Small,
 }
 

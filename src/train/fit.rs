@@ -229,7 +229,7 @@ impl PredictorFit {
     }
 }
 
-/// The episodes that it learns from, of which so many have been played.
+/// The episodes that it learns from, after so many that have been played.
 pub(super) fn rollout(task: &Task, settings: &FitSettings, played: u64) -> Rollout {
     let links = match settings.feed {
         Feed::Truth => Links::level(1.0),

@@ -68,8 +68,8 @@ enum Turn<'a> {
 }
 
 impl Learner {
-    /// An untrained team for `dims` with padded observations of length `observation`, of which agent i has the
-    /// first `available[i]` actions. It learns on `threads` threads.
+    /// An untrained team for `dims` with padded observations of length `observation`; agent i has the first `available[i]`
+    /// actions. It learns on `threads` threads.
     pub fn untrained(
         settings: Settings,
         dims: &Dims,

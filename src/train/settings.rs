@@ -45,11 +45,10 @@ pub struct Settings {
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
-    /// Backward passes written by hand, on the kernels that agents run. The same to the last bit on any number
-    /// of threads.
+    /// Backward passes written by hand, on the kernels that agents run; bit-identical on any number of threads.
     #[default]
     Native,
-    /// candle's autograd: slower, and what the other is measured against and checked with.
+    /// candle's autograd: slower; the reference that `native` is checked against.
     ///
     /// candle divides large products and vectors over threads of its own, whatever the number of threads here.
     /// It can be told not to from outside alone: by `RAYON_NUM_THREADS=1` in the environment, which is right

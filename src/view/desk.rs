@@ -30,7 +30,7 @@ pub(super) struct Desk {
 /// Multiples of the world's own time; the last is as fast as it goes.
 const SPEEDS: [f64; 10] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, f64::INFINITY];
 
-/// Steps from a probability to the next, of which 1 has so many.
+/// A key changes p by one of so many steps from 0 to 1.
 const STEPS: f64 = 20.0;
 
 /// What a key means.

@@ -20,7 +20,7 @@ pub(crate) struct Facts {
     pub(crate) told: bool,
     /// Episodes to play.
     pub(crate) episodes: u64,
-    /// Worlds side by side, of which the first is shown.
+    /// Parallel worlds; the view shows the first.
     pub(crate) worlds: usize,
     /// The imputer.
     pub(crate) imputer: String,

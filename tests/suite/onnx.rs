@@ -110,6 +110,7 @@ fn teams_play_the_same_episodes_as_ours_with_the_same_weights() {
     for (name, task) in &TEAMS[..2] {
         let ours = folder.path().join(format!("{name}.safetensors")).display().to_string();
         succeed(&format!("import {} --task {task} --out {ours}", file(&format!("{name}.th"))));
+        assert!(succeed(&format!("inspect {ours}")).contains("unknown, and so are env steps and seed"));
         let played = |policy: &str| {
             let words = format!(
                 "spawn --policy {policy} --p 0.5 --imputer hold --greedy --episodes 6 --worlds 3 --json"

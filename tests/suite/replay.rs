@@ -103,9 +103,24 @@ fn browser() -> Option<PathBuf> {
     folders.iter().flat_map(|folder| names.map(|name| folder.join(name))).find(|path| path.exists())
 }
 
-/// Loads a page without a window, has a script act on it, and returns the page it is then.
+/// What stands before and behind a script, which defines `act`: what it checks, and a list of that in the page.
+const BEFORE: &str = r#"
+const found = [];
+const check = (what, holds) => found.push(`${holds ? "ok" : "FAIL"} ${what}`);
+"#;
+const BEHIND: &str = r#"
+act().catch((error) => check(error, false)).then(() => {
+  const list = document.createElement("pre");
+  list.id = "found";
+  list.textContent = found.join("\n");
+  document.body.append(list);
+});
+"#;
+
+/// Loads a page without a window, has a script act on it, and returns what that checked: a line each.
 fn drive(browser: &Path, page: &str, script: &str, folder: &Path) -> String {
     let driven = folder.join("driven.html");
+    let script = [BEFORE, script, BEHIND].concat();
     std::fs::write(&driven, page.replace("</body>", &format!("<script>{script}</script></body>"))).unwrap();
     let quiet = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-sync \
                  --disable-background-networking --disable-component-update --virtual-time-budget=5000 --dump-dom";
@@ -115,18 +130,18 @@ fn drive(browser: &Path, page: &str, script: &str, folder: &Path) -> String {
         .arg(format!("file://{}", driven.display()))
         .output()
         .unwrap();
-    String::from_utf8_lossy(&output.stdout).into_owned()
+    let after = String::from_utf8_lossy(&output.stdout);
+    let found = after.split("<pre id=\"found\">").nth(1).unwrap_or_else(|| panic!("nothing found: {after}"));
+    found.split("</pre>").next().unwrap().to_owned()
 }
 
-/// Acts as a reader would, and writes down what came of it.
+/// Acts as a reader would.
 const READER: &str = r#"
-const found = [];
-const check = (what, holds) => found.push(`${holds ? "ok" : "FAIL"} ${what}`);
 const caption = (index) => byId(`told-${index}`).textContent;
 const picture = () => byId("stage-0").toDataURL() + byId("stage-1").toDataURL();
 const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
-async function read() {
+async function act() {
   check("begins at the beginning", caption(0).startsWith("step 0 of 25, return 0.0"));
   byId("step").value = 12;
   byId("step").dispatchEvent(new Event("input"));
@@ -166,12 +181,6 @@ async function read() {
   }
   check("fits a phone", document.documentElement.scrollWidth <= innerWidth);
 }
-read().catch((error) => check(error, false)).then(() => {
-  const list = document.createElement("pre");
-  list.id = "found";
-  list.textContent = found.join("\n");
-  document.body.append(list);
-});
 "#;
 
 #[test]
@@ -188,9 +197,7 @@ fn a_browser_plays_the_page() {
         format!("{total:.1}")
     });
     let script = format!("const EXPECTED = {expected:?};{READER}");
-    let after = drive(&browser, &traces.read("page.html"), &script, traces.0.path());
-    let found = after.split("<pre id=\"found\">").nth(1).unwrap_or_else(|| panic!("nothing found: {after}"));
-    let found = found.split("</pre>").next().unwrap();
+    let found = drive(&browser, &traces.read("page.html"), &script, traces.0.path());
     assert!(found.lines().count() > 25 && !found.contains("FAIL"), "{found}");
 }
 
@@ -260,9 +267,7 @@ fn last_f32(base64: &str) -> f32 {
 
 /// Plays what a report leads to, to its end.
 const GUEST: &str = r#"
-const found = [];
-const check = (what, holds) => found.push(`${holds ? "ok" : "FAIL"} ${what}`);
-async function see() {
+async function act() {
   check("says what it is", byId("told-0").textContent.startsWith("step 0 of 25"));
   byId("play").click();
   check("plays", now.playing && byId("play").textContent === "Pause");
@@ -270,12 +275,6 @@ async function see() {
   check("ends", now.time === 25 && !now.playing);
   check("side by side", [0, 1].every((index) => byId(`told-${index}`).textContent.startsWith("step 25 of 25")));
 }
-see().catch((error) => check(error, false)).then(() => {
-  const list = document.createElement("pre");
-  list.id = "found";
-  list.textContent = found.join("\n");
-  document.body.append(list);
-});
 "#;
 
 #[test]
@@ -288,9 +287,7 @@ fn a_browser_plays_what_a_report_leads_to() {
     let report = evaluated(folder.path(), "hold");
     let link = report.split("href=\"replays/").nth(2).unwrap().split('"').next().unwrap();
     let page = std::fs::read_to_string(folder.path().join("replays").join(link)).unwrap();
-    let after = drive(&browser, &page, GUEST, folder.path());
-    let found = after.split("<pre id=\"found\">").nth(1).unwrap_or_else(|| panic!("nothing found: {after}"));
-    let found = found.split("</pre>").next().unwrap();
+    let found = drive(&browser, &page, GUEST, folder.path());
     assert!(found.lines().count() == 4 && !found.contains("FAIL"), "{found}");
 }
 

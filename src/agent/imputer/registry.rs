@@ -240,7 +240,7 @@ impl Registry {
             return Ok(policy);
         }
         let calm = PhysicsSpec { motor_noise: 0.0, wind: 0.0, ..*task.physics() };
-        Ok(policy.with_given(fit(&task.clone().with_physics(calm)?, 0, GIVEN_EPISODES)?.dynamics))
+        Ok(policy.with_given(fit(&task.clone().with_physics(calm)?, 0, GIVEN_EPISODES, || Ok(()))?.dynamics))
     }
 
     fn needs_given(&self, name: &str) -> bool {

@@ -33,14 +33,14 @@ it: the predictor, and the part of a GRU's next step that depends on its state
 alone. All observations are delivered. For comparison the weights of each are
 read once, and candle computes the same networks, with the whole actor in one
 piece. Each figure is the median of all calls; everything is measured in turn,
-three times. With --policy an agent of yours is measured beside them, which
-holds what it heard last.")]
+three times. --policy adds an agent with a policy of yours, which holds the last
+value received.")]
 pub struct BenchAgent {
     /// The task
     #[arg(long, value_name = "T", default_value = "spread-xy-4")]
     task: String,
 
-    /// A policy of the task that is measured, too, such as one of ONNX files
+    /// Also measure this policy of the task, such as one of ONNX files
     #[arg(long, value_name = "POLICY")]
     policy: Option<String>,
 

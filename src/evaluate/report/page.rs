@@ -188,7 +188,8 @@ fn made(summary: &Summary, provenance: &Provenance) -> Markup {
         ("physics", physics.to_string()),
         (
             "messages",
-            if relay { "also carry the newest that their senders hold of others" } else { "" }.to_owned(),
+            if relay { "also carry the newest observations that their senders hold of others" } else { "" }
+                .to_owned(),
         ),
         ("program", program.clone()),
         ("CPU", cpu.clone()),

@@ -21,7 +21,6 @@ pub(in crate::recording) struct McapEpisodes {
     records: Records,
     decoder: Decoder,
     read: u64,
-    is_over: bool,
 }
 
 impl McapEpisodes {
@@ -41,7 +40,7 @@ impl McapEpisodes {
             }
         };
         let (about, decoder) = Decoder::of(header.as_bytes(), None, path)?;
-        Ok((about, McapEpisodes { records, decoder, read: 0, is_over: false }))
+        Ok((about, McapEpisodes { records, decoder, read: 0 }))
     }
 
     /// Whether the file has no end.
@@ -50,7 +49,7 @@ impl McapEpisodes {
     }
 
     /// The next episode; an error in words.
-    fn next_episode(&mut self) -> std::result::Result<Option<Episode>, String> {
+    pub(in crate::recording) fn next_episode(&mut self) -> std::result::Result<Option<Episode>, String> {
         let within = format!("episode {} of those in the file", self.read);
         let wrong = |what: String| format!("{within}: {what}");
         while let Some(found) = self.records.next().map_err(wrong)? {
@@ -61,19 +60,6 @@ impl McapEpisodes {
             }
         }
         Ok(None)
-    }
-}
-
-impl Iterator for McapEpisodes {
-    type Item = std::result::Result<Episode, String>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        if self.is_over {
-            return None;
-        }
-        let next = self.next_episode().transpose();
-        self.is_over = !matches!(next, Some(Ok(_)));
-        next
     }
 }
 
