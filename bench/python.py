@@ -138,6 +138,8 @@ def main():
     for worlds in (1, WORLDS, 4096):
         if jax := jax_worlds(worlds):
             timers[f"JaxMARL, {worlds} worlds, p = 1"] = jax
+    if not any(name.startswith("JaxMARL") for name in timers):
+        print("JaxMARL is not installed (pip install jaxmarl), so it is left out")
     seconds = {name: [] for name in timers}
     for _ in range(ROUNDS):
         for name, once in timers.items():

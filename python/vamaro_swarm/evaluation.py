@@ -84,7 +84,7 @@ def evaluate(
     """Plays frozen policies at every level of delivery and over each of `links`, with every imputer.
 
     `env_fn` makes a PettingZoo ParallelEnv, or is the name of one of our tasks. `policies` is a team, or a list of teams
-    that count as seeds of one method. A team is a policy file of ours, a callable `policy(agent, observation)`, or a
+    that count as seeds of one method. A team is a policy file, a callable `policy(agent, observation)`, or a
     dict of callables `policy(observation)` by agent. If a callable has a method `begin(seed, episode)`, it is
     called before each episode. `imputers` is a list of names, or a dict from labels to names, callables and fitted
     imputers.
@@ -108,7 +108,13 @@ def evaluate(
     else:
         wrapped: dict[str, Any] = {"joint": joint, "share": share, "share_at_start": share_at_start}
         make = lambda **options: LossyLinks(env_fn(), **options, **wrapped)
-        players = [Players(team) for team in teams]
+        files = any(isinstance(team, (str, PathLike)) for team in teams)
+        if files and not (joint and share == "obs"):
+            raise ValueError("policy files act on joint estimates of all that agents observe; leave out joint and share")
+        env = LossyLinks(env_fn()) if files else None
+        players = [Players(team, greedy=greedy, env=env) for team in teams]
+        if env is not None:
+            env.close()
     return study.of_teams(make, players, dict(named or {"hold": "hold", "zero": "zero"}))
 
 

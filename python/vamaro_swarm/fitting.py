@@ -38,11 +38,12 @@ def fit_imputer(
     delivery is drawn for each episode, on the estimates of the predictor trained so far. So the predictor, an LSTM,
     learns to correct its own errors. `policies` is a team as for `evaluate`.
     """
-    team, path = Players(policies), Path(fspath(out))
+    path = Path(fspath(out))
     if steps < 1 or updates < 1:
         raise ValueError("there is nothing to learn from: give 1 or more steps and updates")
     options: dict[str, Any] = {"joint": joint, "share": share}
     with closing(LossyLinks(env_fn(), **options)) as links:
+        team = Players(policies, env=links)
         first, episode = _record(links, team, seed, 0, steps // 4 or 1, max_steps)
         lessons = Lessons(links.name, links.observers, held=_constants(first), seed=seed)
     recorded = first

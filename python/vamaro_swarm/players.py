@@ -1,24 +1,31 @@
 """Teams that play in an environment, in any form a user may give them."""
 
+from __future__ import annotations
+
 import copy
 from collections.abc import Iterator, Mapping
 from os import PathLike, fspath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
 
 from .errors import AgentError, Error
-from .policies import load_policy
+from .policies import Team
+
+if TYPE_CHECKING:
+    from .links import LossyLinks
 
 
 class Players:
     """A team: a policy file of ours, a callable `policy(agent, observation)`, or callables `policy(observation)` by agent."""
 
-    def __init__(self, team: Any, task: str | None = None, greedy: bool = False) -> None:
+    def __init__(
+        self, team: Any, task: str | None = None, greedy: bool = False, env: LossyLinks | None = None
+    ) -> None:
         self.name = fspath(team) if isinstance(team, (str, PathLike)) else getattr(team, "name", None)
         if isinstance(team, (str, PathLike)):
-            team = load_policy(team, task, greedy=greedy)
+            team = Team(fspath(team), task, greedy, env)
         self._each = team if isinstance(team, Mapping) else None
         self._all = team if callable(team) else None
         if self._each is None and self._all is None:

@@ -1,14 +1,20 @@
-"""Policies of our tasks."""
+"""Policies that are files."""
+
+from __future__ import annotations
 
 from collections.abc import Mapping
 from os import PathLike, fspath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ._native import Team as _Actors
 from .errors import AgentError
+
+if TYPE_CHECKING:
+    from .links import LossyLinks
 
 
 class Team:
@@ -18,11 +24,16 @@ class Team:
     observations have a row for each world, so have actions. Call `begin` at the start of each episode.
     """
 
-    def __init__(self, name: str, task: str | None, greedy: bool) -> None:
-        self._actors = _Actors(name, task, greedy)
+    def __init__(self, name: str, task: str | None, greedy: bool, env: LossyLinks | None = None) -> None:
+        if env is None:
+            self._actors = _Actors(name, task, greedy)
+        else:
+            choices = [_choices(agent, env.action_space(agent)) for agent in env.possible_agents]
+            self._actors = _Actors.elsewhere(name, env.name, list(zip(env.observers, choices)), greedy)
+        self._env = env
         #: The name or path it was loaded from.
         self.name = name
-        #: The id of its task.
+        #: The id of its task, or the name of its environment.
         self.task = self._actors.task
         #: The names of its agents.
         self.agents = self._actors.agents
@@ -41,6 +52,8 @@ class Team:
             self.begin()
         if agent not in self._numbers:
             raise AgentError(agent, f"is none of {', '.join(self.agents)}, who play {self.task}")
+        if self._env is not None:
+            estimate = self._env.padded(estimate[None])
         estimate = np.ascontiguousarray(estimate, np.float32)
         try:
             actions = self._actors.act(self._numbers[agent], estimate)
@@ -54,6 +67,13 @@ class Team:
 
     def __repr__(self) -> str:
         return f"<team of {self.task} from {self.name}>"
+
+
+def _choices(agent: Any, space: spaces.Space[Any]) -> int:
+    """How many actions an agent has."""
+    if isinstance(space, spaces.Discrete) and space.start == 0:
+        return int(space.n)
+    raise AgentError(agent, f"acts by {space}, but policy files choose among Discrete actions from 0 on; use a callable")
 
 
 def load_policy(name: str | PathLike[str], task: str | None = None, *, greedy: bool = False) -> Team:

@@ -6,17 +6,18 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use super::buffers::take;
+use super::elsewhere::{Observer, described};
 use super::errors::raised;
 use super::play::check_worlds;
 use crate::agent::{PolicySource, most_probable, sample};
 use crate::base::error::Result;
 use crate::base::rng::{Draws, Purpose};
 use crate::cli::policy_source;
-use crate::environment::{Spec, Task};
+use crate::environment::{ActionSpace, Spec, Task};
 use crate::nn::{self, ActorState, Policy, PolicyFile, Scratch};
 use crate::usage;
 
-/// The actors of a policy of one of our tasks, with their state in each world.
+/// The actors of a policy, with their state in each world.
 #[pyclass(frozen, module = "vamaro_swarm._native")]
 pub(super) struct Team(Mutex<Actors>);
 
@@ -46,16 +47,30 @@ impl Team {
     #[new]
     #[pyo3(signature = (name, task, greedy))]
     fn new(py: Python, name: &str, task: Option<&str>, greedy: bool) -> PyResult<Team> {
-        let (task, policy) = load(name, task).map_err(|error| raised(py, error))?;
-        let actor = |agent| {
-            let network = policy.actor(agent).clone();
-            Actor { state: network.state(1), network, step: 0, estimates: Vec::new(), logits: Vec::new() }
+        let (spec, policy) = load(name, task).map_err(|error| raised(py, error))?;
+        Ok(Team::of(spec, &policy, greedy))
+    }
+
+    /// That of a policy file or a description of ONNX files, for an environment that lives in Python: its agents, with how many
+    /// actions each has.
+    #[staticmethod]
+    fn elsewhere(
+        py: Python,
+        name: &str,
+        environment: &str,
+        agents: Vec<(Observer, usize)>,
+        greedy: bool,
+    ) -> PyResult<Team> {
+        let loaded = || {
+            let (observers, choices): (Vec<Observer>, Vec<usize>) = agents.into_iter().unzip();
+            let mut spec = described(environment, &observers, None, None)?.spec;
+            for (agent, choices) in spec.agents.iter_mut().zip(choices) {
+                agent.actions = ActionSpace::Discrete(choices);
+            }
+            let policy = policy_source(name, 0)?.load(&spec)?;
+            Ok(Team::of(spec, &policy, greedy))
         };
-        let (spec, greedy) = (task.spec().clone(), greedy || policy.is_greedy());
-        let actors = (0..spec.n_agents()).map(actor).collect();
-        let scratch = Scratch::default();
-        let actors = Actors { spec, actors, scratch, greedy, seed: 0, episode: 0, worlds: 0 };
-        Ok(Team(Mutex::new(actors)))
+        loaded().map_err(|error| raised(py, error))
     }
 
     /// Its task.
@@ -99,6 +114,17 @@ impl Team {
 }
 
 impl Team {
+    fn of(spec: Spec, policy: &Policy, greedy: bool) -> Team {
+        let actor = |agent| {
+            let network = policy.actor(agent).clone();
+            Actor { state: network.state(1), network, step: 0, estimates: Vec::new(), logits: Vec::new() }
+        };
+        let greedy = greedy || policy.is_greedy();
+        let actors = (0..spec.n_agents()).map(actor).collect();
+        let scratch = Scratch::default();
+        Team(Mutex::new(Actors { spec, actors, scratch, greedy, seed: 0, episode: 0, worlds: 0 }))
+    }
+
     /// One thread at a time acts.
     fn with<T>(&self, act: impl FnOnce(&mut Actors) -> PyResult<T>) -> PyResult<T> {
         let actors = self.0.try_lock();
@@ -133,8 +159,8 @@ impl Actors {
     }
 }
 
-/// The policy of this name, and its task.
-fn load(name: &str, task: Option<&str>) -> Result<(Task, Policy)> {
+/// The policy of this name, and what its task is.
+fn load(name: &str, task: Option<&str>) -> Result<(Spec, Policy)> {
     let source = policy_source(name, 0)?;
     let task = match (&source, task) {
         (_, Some(task)) => Task::parse(task)?,
@@ -148,5 +174,5 @@ fn load(name: &str, task: Option<&str>) -> Result<(Task, Policy)> {
             task.id()
         ));
     }
-    Ok((task, policy))
+    Ok((task.spec().clone(), policy))
 }

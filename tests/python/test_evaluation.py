@@ -115,10 +115,13 @@ def test_requests_that_make_no_sense_are_refused(drift):
         (dict(policies=3), "a team is"),
         (dict(policies=to_the_middle, baseline="maro"), "none of the imputers hold, zero"),
         (dict(policies=to_the_middle, levels=(2,)), "level"),
-        (dict(policies="builtin"), "for which task"),
     ]:
         with pytest.raises(ValueError, match=words):
             evaluate(drift, **{"episodes": 4, **options})
+    with pytest.raises(ValueError, match="no built-in policy for simple_reference"):
+        evaluate(simple_reference_v3.parallel_env, "builtin")
+    with pytest.raises(AgentError, match="right: acts by Box.*use a callable"):
+        evaluate(drift, "untrained")
     # Before anything is played.
     with pytest.raises(ValueError, match="needs the length of a tick"):
         evaluate(drift, lambda agent, seen: 1 / 0, links=["delay 200ms"], **LEVELS)

@@ -88,6 +88,16 @@ def test_actions_may_be_values_and_episodes_may_end_early(team, drift, monkeypat
     plays_as_evaluate_does(team, drift, "conftest:Drift", "middle", "level(0.5)", 2)
 
 
+def test_a_policy_that_is_no_callable_plays_as_evaluate_says(team):
+    make = simple_speaker_listener_v4.parallel_env
+    played = evaluate(make, "untrained", imputers=["hold"], levels=(0.5,), episodes=2)
+    words = ["--env", f"{SERVE} mpe2.{make().metadata['name']}", "--policy", "untrained", "--in-process"]
+    summary = finish(start(team[0], *words, "--imputer", "hold", "--p", "0.5", "--episodes", "2"))
+    assert summary["return_mean"] == pytest.approx(played.to_pandas()["mean"].item(), rel=1e-12)
+    with pytest.raises(ValueError, match="joint estimates"):
+        evaluate(make, "untrained", joint=False)
+
+
 def test_worlds_play_side_by_side(tmp_path):
     words = ["--env", f"{SERVE} mpe2.simple_spread_v3 N=2", "--policy", "untrained", "--in-process", "--episodes", "3"]
     one, all_at_once = (start(tmp_path, *words, "--p", "0.5", "--worlds", worlds) for worlds in "13")
