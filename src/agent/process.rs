@@ -56,16 +56,12 @@ impl ProcessSettings {
             ));
         }
         let team = settings.spec.n_agents();
-        // With --relay, a message has an observation and an age of everybody.
-        let relayed = team.saturating_mul(settings.spec.padded_obs_dim().saturating_add(1));
-        let relayed = if settings.relay { relayed } else { 0 };
-        let widest = settings.spec.joint_dim().max(settings.spec.n_actions()).max(relayed);
         let sound = (1..=MAX_AGENTS).contains(&team)
             && address.agents == team
             && *agent < team
             && settings.worlds > 0
             && address.worlds == settings.worlds
-            && settings.worlds.saturating_mul(widest) <= MOST_WORDS
+            && self.longest_message().is_some_and(|words| words <= MOST_WORDS)
             && address.longest_delay == settings.longest_delay
             && address.longest_delay <= LONGEST_DELAY
             && is_tag(&address.tag);
@@ -82,6 +78,22 @@ impl ProcessSettings {
             address.longest_delay,
             address.tag
         ))
+    }
+
+    /// The words of the longest message; `None` if a part of it is too long already. The sums of a [`Spec`](crate::environment::Spec) wrap if its
+    /// parts are huge, so the parts come first.
+    fn longest_message(&self) -> Option<usize> {
+        let AgentSettings { spec, worlds, relay, .. } = &self.settings;
+        let (team, unique, common) = (spec.n_agents(), spec.unique, spec.common.len());
+        let parts = [team, unique, common, spec.n_actions(), spec.action_width(), *worlds];
+        if parts.iter().any(|part| *part > MOST_WORDS) {
+            return None;
+        }
+        let joint = team.checked_mul(unique)?.checked_add(common)?;
+        // With --relay, a message has an observation and an age of everybody.
+        let relayed = if *relay { team.checked_mul(unique + common + 1)? } else { 0 };
+        let widest = [joint, relayed, unique + common, spec.n_actions(), spec.action_width()];
+        widest.into_iter().max()?.checked_mul(*worlds)
     }
 }
 

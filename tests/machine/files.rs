@@ -143,6 +143,8 @@ fn settings_that_no_supervisor_writes_are_refused() {
         ("/agent", Value::from(7)),
         ("/settings/worlds", Value::from(1u64 << 63)),
         ("/settings/worlds", Value::from(0)),
+        // Twice that wraps to 2.
+        ("/settings/spec/unique", Value::from((1u64 << 63) + 1)),
         ("/address/worlds", Value::from(1u64 << 63)),
         ("/address/agents", Value::from(3)),
         ("/address/longest_delay", Value::from(200)),
