@@ -54,7 +54,7 @@ pub use services::{SwarmAddress, Wire};
 pub(crate) use shared::wake_supervisor;
 pub use shared::{AgentSharedPort, SharedSample, SupervisorPort};
 #[cfg(feature = "hosts")]
-pub(crate) use stand_ins::StandIns;
+pub(crate) use stand_ins::{StandIns, Voices};
 pub use wait::Wait;
 pub(crate) use wait::wait_until;
 

@@ -147,8 +147,8 @@ impl SwarmAddress {
     /// The services that all of the swarm share.
     pub(super) fn services(&self, node: &Node<ipc::Service>, role: Role) -> Result<Services> {
         Ok(Services {
-            observations: self.words(node, "observations", self.observation_limits(), role)?,
-            decisions: self.words(node, "decisions", Limits::of(self.agents, 1), role)?,
+            observations: self.observations(node, role)?,
+            decisions: self.decisions(node, role)?,
             weights: match self.weights {
                 0 => None,
                 _ => Some(self.words(node, "weights", Limits::of(1, self.agents), role)?),
@@ -156,6 +156,16 @@ impl SwarmAddress {
             wake_agents: self.event(node, "wake-agents", [1, self.agents], role)?,
             wake_supervisor: self.supervisors_event(node, role)?,
         })
+    }
+
+    /// The service of what agents observe.
+    pub(super) fn observations(&self, node: &Node<ipc::Service>, role: Role) -> Result<Words> {
+        self.words(node, "observations", self.observation_limits(), role)
+    }
+
+    /// The service of what agents decide.
+    pub(super) fn decisions(&self, node: &Node<ipc::Service>, role: Role) -> Result<Words> {
+        self.words(node, "decisions", Limits::of(self.agents, 1), role)
     }
 
     /// The service that wakes the supervisor: it has room for the agents, of whom some may be dead, and for the one that

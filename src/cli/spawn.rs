@@ -313,6 +313,15 @@ impl Spawn {
         Processes::start(settings, policy, conduct)
     }
 
+    /// How long a host may be silent before it is gone: that it is shall be noticed before its agents count as hung.
+    fn longest_silence(&self) -> Duration {
+        #[cfg(feature = "hosts")]
+        if self.hosts.is_some() {
+            return crate::hosts::LEASE;
+        }
+        Duration::ZERO
+    }
+
     fn conduct(&self, settings: &AgentSettings, scheduling: Scheduling) -> Result<Conduct> {
         // Where every tick is looked at, none may be without an agent unnoticed.
         let exact = self.audit || self.record.is_some();
@@ -320,7 +329,8 @@ impl Spawn {
         let on_failure = self.on_failure.unwrap_or(usual);
         // Ten times what an agent computes in a world, on one core for all of them.
         let rows = settings.spec.n_agents() * settings.worlds;
-        let answer = self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64));
+        let answer =
+            self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64) + self.longest_silence());
         Ok(Conduct {
             wait: self.wait,
             rate: self.rate,

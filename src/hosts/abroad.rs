@@ -8,12 +8,15 @@ use rustix::process::Signal;
 
 use super::engine::{End, Engine, Heard, Line};
 use super::frame::{Frame, Shape};
-use super::orders::{Answer, Event, Identity, Invitation, Order, Question, say, understand};
+use super::orders::{
+    Answer, Event, Identity, Invitation, LARGEST_POLICY, Order, Question, bit_among, say, secret, understand,
+};
 use super::plan::{Plan, PlannedHost};
 use crate::agent::PolicySource;
 use crate::agent::process::ProcessSettings;
 use crate::base::error::{Error, Result};
 use crate::base::hash::fnv1a;
+use crate::base::regular;
 use crate::bus::{Bell, Header, Kind, Sample, StandIns};
 use crate::failed;
 use crate::supervisor::{Elsewhere, members_of, say as say_aloud};
@@ -89,9 +92,11 @@ impl Hosts {
 impl Host {
     /// Asks who it is.
     fn greet(&self) -> Result<()> {
-        let (own, other) = (Identity::own(), self.ask(Question::Who.with(&[]), LONGEST_ANSWER)?);
-        let Answer::I(other) = other else {
-            return Err(failed!("{} does not say who it is: {other:?}", self.name));
+        let own = Identity::own();
+        let other = match self.ask(&Question::Who, &[], LONGEST_ANSWER)? {
+            Answer::I(other) => other,
+            Answer::No(why) => return Err(failed!("{} does not say who it is: {why}", self.name)),
+            Answer::Yes => return Err(failed!("{} does not say who it is", self.name)),
         };
         if (&other.program, other.protocol) != (&own.program, own.protocol) {
             return Err(failed!(
@@ -113,22 +118,21 @@ impl Host {
         Ok(())
     }
 
-    fn ask(&self, question: Vec<u8>, longest: Duration) -> Result<Answer> {
-        let answer = self.engine.ask(question, longest).map_err(|e| lost(&self.name, e))?;
+    fn ask(&self, question: &Question, policy: &[u8], longest: Duration) -> Result<Answer> {
+        let answer = self.engine.ask(say(question), policy, longest).map_err(|e| lost(&self.name, e))?;
         understand(&answer).map_err(|e| failed!("{} is of another version: {e}", self.name))
     }
 
     /// Opens the line, and ships the policy.
     fn join(&mut self, example: &ProcessSettings, policy: &[u8], bell: &Arc<Bell>) -> Result<()> {
-        let bell = bell.clone();
-        let line = self.engine.line(&example.address.tag, End::Supervisor, move || bell.ring())?;
+        let (bell, secret) = (bell.clone(), secret()?);
+        let line = self.engine.line(&secret, End::Supervisor, move || bell.ring())?;
         let (example, hash) = (example.clone(), fnv1a(policy.iter().copied()));
-        let invitation = Invitation { example, agents: self.agents, policy: hash };
-        let question = Question::Join(Box::new(invitation)).with(policy);
-        match self.ask(question, LONGEST_JOIN)? {
+        let invitation = Invitation { example, agents: self.agents, policy: hash, line: secret };
+        match self.ask(&Question::Join(Box::new(invitation)), policy, LONGEST_JOIN)? {
             Answer::Yes => self.line = Some(line),
             Answer::No(why) => return Err(lost(&self.name, failed!("will not join: {why}"))),
-            other => return Err(failed!("{} answers {other:?} when asked to join", self.name)),
+            Answer::I(_) => return Err(failed!("{} does not say whether it will join", self.name)),
         }
         Ok(())
     }
@@ -145,18 +149,25 @@ impl Host {
         dead.extend(members_of(running).map(|agent| (agent, format!("is lost: {} {how}", self.name))));
     }
 
+    /// The bit of an agent that it names.
+    fn bit_of(&self, agent: usize) -> Result<u64> {
+        bit_among(self.agents, agent).ok_or_else(|| failed!("speaks of agent-{agent}, which is not there"))
+    }
+
     /// Takes note of something that has happened there.
     fn note(&mut self, event: Event, incarnations: &[u32], dead: &mut Vec<(usize, String)>) -> Result<()> {
         match event {
             Event::Ended { agent, incarnation, how } => {
-                let is_present = agent < incarnations.len() && self.running >> agent & 1 == 1;
-                if is_present && incarnations[agent] == incarnation {
-                    self.running &= !(1 << agent);
+                let bit = self.bit_of(agent)?;
+                // It may have been ended, or started anew, in the meantime.
+                if self.running & bit != 0 && incarnations[agent] == incarnation {
+                    self.running &= !bit;
                     dead.push((agent, format!("on {} {how}", self.name)));
                 }
                 Ok(())
             }
             Event::Said { agent, line } => {
+                self.bit_of(agent)?;
                 say_aloud(format!("[agent-{agent}] {line}"));
                 Ok(())
             }
@@ -201,7 +212,7 @@ impl Elsewhere for Hosts {
         let PolicySource::Copy(path) = &settings.policy else {
             return Err(failed!("agents on other machines need a policy, and this team has none"));
         };
-        let policy = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
+        let policy = regular::read(path, LARGEST_POLICY)?;
         let bell = Arc::new(Bell::of(address)?);
         for host in &mut self.hosts {
             host.join(example, &policy, &bell)?;
@@ -295,21 +306,25 @@ impl Elsewhere for Hosts {
     fn reap(&mut self, longest: Duration) {
         self.hosts.iter().for_each(|host| host.order(Order::Leave));
         let deadline = Instant::now() + longest + LONGEST_FAREWELL;
-        for Host { name, line, running, .. } in &mut self.hosts {
-            *running = 0;
-            let Some(line) = line.take() else { continue };
+        let incarnations = self.swarm.as_ref().map_or(Vec::new(), |swarm| swarm.incarnations.clone());
+        for host in &mut self.hosts {
+            host.running = 0;
+            let Some(line) = host.line.take() else { continue };
             loop {
                 let heard = line.hear_within(deadline.saturating_duration_since(Instant::now()));
                 match heard {
-                    Some(Heard::Words(words)) => match understand(&words) {
-                        Ok(Event::Said { agent, line }) => say_aloud(format!("[agent-{agent}] {line}")),
-                        Ok(Event::Left | Event::Failed(_)) | Err(_) => break,
-                        Ok(Event::Ended { .. }) => {}
-                    },
-                    Some(Heard::Frame(_) | Heard::Here) => {}
+                    // It has left, has failed, or says what nobody says.
+                    Some(Heard::Words(words))
+                        if understand(&words)
+                            .and_then(|event| host.note(event, &incarnations, &mut Vec::new()))
+                            .is_err() =>
+                    {
+                        break;
+                    }
+                    Some(Heard::Words(_) | Heard::Frame(_) | Heard::Here) => {}
                     Some(Heard::Gone) => break,
                     None => {
-                        say_aloud(format!("note: {name} does not say that all its agents have left"));
+                        say_aloud(format!("note: {} does not say that all its agents have left", host.name));
                         break;
                     }
                 }
@@ -318,9 +333,12 @@ impl Elsewhere for Hosts {
     }
 }
 
-/// What is wrong with a host.
+/// What is wrong with a host, unless it is that the program was asked to stop.
 fn lost(name: &str, e: Error) -> Error {
-    Error::Lost { names: vec![name.to_owned()], how: e.to_string() }
+    match e {
+        Error::Interrupted(_) => e,
+        e => Error::Lost { names: vec![name.to_owned()], how: e.to_string() },
+    }
 }
 
 impl fmt::Debug for Hosts {
@@ -334,6 +352,22 @@ mod tests {
     use std::net::TcpListener;
 
     use super::*;
+
+    #[test]
+    fn a_host_speaks_of_its_own_agents() {
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None).unwrap();
+        let (name, frame) = ("left".to_owned(), Frame::default());
+        let mut host = Host { name, engine, agents: 0b10, running: 0b10, line: None, frame };
+        let mut dead = Vec::new();
+        let mut ended = |agent| {
+            let how = "ended".to_owned();
+            host.note(Event::Ended { agent, incarnation: 0, how }, &[0, 0], &mut dead).is_ok()
+        };
+        assert!(!ended(0) && !ended(64) && !ended(65) && !ended(usize::MAX));
+        assert!(ended(1) && ended(1), "it may have been ended in the meantime");
+        assert_eq!(dead.len(), 1);
+    }
 
     #[test]
     fn a_host_of_another_version_is_refused_by_name() {

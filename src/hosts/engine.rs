@@ -1,13 +1,19 @@
 //! The engine between machines, Zenoh: the only file that names it.
 //!
-//! A host listens; a supervisor has a session with each of its hosts, in which nobody else takes part. A session first
-//! carries questions and their answers. Then a [`Line`] is opened in it, over which either side sends what it likes: all of it arrives,
-//! in order. Each side is told when the other is gone.
+//! A host listens; a supervisor has a session with each of its hosts. A session first carries questions and their answers.
+//! Then a [`Line`] is opened in it, over which either side sends what it likes: all of it arrives, in order. Each side is
+//! told when the other is gone.
+//!
+//! A host lets in everybody who has its key, and passes on between them what they ask for by name: several may be there at
+//! a time. So the names of a line have a secret in them, which keeps swarms apart and makes them hard to speak into. It
+//! keeps nobody from reading who has been let in: names may be asked for by a pattern.
 
+use std::borrow::Cow;
 use std::net::{TcpListener, TcpStream, ToSocketAddrs};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
-use crossbeam::channel::{Receiver, Sender, unbounded};
+use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, bounded};
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
@@ -17,8 +23,10 @@ use zenoh::sample::SampleKind;
 use zenoh::{Config, Session, Wait};
 
 use super::key::Key;
+use super::orders::LARGEST_POLICY;
 use crate::base::error::Result;
 use crate::failed;
+use crate::supervisor::signals;
 
 /// Where a host is asked.
 const QUESTIONS: &str = "vamaro-swarm/questions";
@@ -26,8 +34,17 @@ const QUESTIONS: &str = "vamaro-swarm/questions";
 /// How long a host may take to be connected to.
 const LONGEST_CONNECT: Duration = Duration::from_secs(3);
 
-/// Who has not been heard of for so long is gone, ms. Either side is heard of four times as often.
-const LEASE: u64 = 2000;
+/// Who has not been heard of for so long is gone. Either side is heard of four times as often.
+pub(crate) const LEASE: Duration = Duration::from_secs(2);
+
+/// Who sends so many messages that nobody has taken is cut off: in lockstep a few are under way.
+const MOST_HEARD: usize = 4096;
+
+/// The bytes of the longest message: a policy, and what is asked with it.
+const LONGEST_MESSAGE: u64 = LARGEST_POLICY + (1 << 20);
+
+/// How long this waits before it looks whether it was asked to stop.
+const SLICE: Duration = Duration::from_millis(50);
 
 /// One end of the engine.
 pub(super) struct Engine {
@@ -84,8 +101,24 @@ impl Engine {
         Ok(Engine { session: session.map_err(|e| failed!("cannot listen at {at}: {}", words(&e)))? })
     }
 
-    /// Connects to a host that listens at an address.
+    /// Connects to a host that listens at an address. The engine cannot be interrupted in that, so a thread does it, which
+    /// is left to itself if the program is asked to stop.
     pub(super) fn connect(at: &str, key: Option<&Key>) -> Result<Engine> {
+        let (at, key, (done, is_done)) = (at.to_owned(), key.cloned(), bounded(1));
+        let connect = move || drop(done.send(Engine::connect_now(&at, key.as_ref())));
+        let thread = std::thread::Builder::new().spawn(connect);
+        thread.map_err(|e| failed!("cannot be reached: no thread can be started: {e}"))?;
+        loop {
+            signals::check_stop()?;
+            match is_done.recv_timeout(SLICE) {
+                Ok(engine) => return engine,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Err(failed!("cannot be reached")),
+            }
+        }
+    }
+
+    fn connect_now(at: &str, key: Option<&Key>) -> Result<Engine> {
         let key = key.map(|key| {
             let user = serde_json::json!({"user": key.name, "password": key.secret});
             ("transport/auth/usrpwd", user)
@@ -104,13 +137,19 @@ impl Engine {
         })
     }
 
-    /// Asks the host something.
-    pub(super) fn ask(&self, question: Vec<u8>, longest: Duration) -> Result<Vec<u8>> {
-        let asked = self.session.get(QUESTIONS).payload(question).timeout(longest).wait();
-        let answers = asked.map_err(|e| failed!("cannot be asked: {e}"))?;
-        let reply = answers.recv().map_err(|_| failed!("does not answer within {longest:?}"))?;
-        let answer = reply.result().map_err(|_| failed!("does not answer within {longest:?}"))?;
-        Ok(answer.payload().to_bytes().into_owned())
+    /// Asks the host something, and sends a policy file with it.
+    pub(super) fn ask(&self, question: Vec<u8>, policy: &[u8], longest: Duration) -> Result<Vec<u8>> {
+        let asked = self.session.get(QUESTIONS).payload(question).attachment(policy).timeout(longest);
+        let answers = asked.wait().map_err(|e| failed!("cannot be asked: {e}"))?;
+        let (silent, deadline) = (|| failed!("does not answer within {longest:?}"), Instant::now() + longest);
+        while Instant::now() < deadline + SLICE {
+            signals::check_stop()?;
+            if let Some(reply) = answers.recv_timeout(SLICE).map_err(|_| silent())? {
+                let answer = reply.result().map_err(|_| silent())?;
+                return Ok(answer.payload().to_bytes().into_owned());
+            }
+        }
+        Err(silent())
     }
 
     /// Has questions answered, by a thread of the engine.
@@ -121,27 +160,30 @@ impl Engine {
         Ok(Answering { _queryable: queryable })
     }
 
-    /// Opens one end of the line for the swarm with this tag. A thread of the engine calls `tell` after something has come.
-    /// Whoever asks the other side to open its end has opened this one before: then nothing is lost.
+    /// Opens one end of the line with this secret. A thread of the engine calls `tell` after something has come. Whoever
+    /// asks the other side to open its end has opened this one before: then nothing is lost.
     pub(super) fn line(
         &self,
-        tag: &str,
+        secret: &str,
         end: End,
         tell: impl Fn() + Clone + Send + Sync + 'static,
     ) -> Result<Line> {
-        let key = |end: End, what: &str| format!("vamaro-swarm/{tag}/{end:?}/{what}");
+        let key = |end: End, what: &str| format!("vamaro-swarm/{secret}/{end:?}/{what}");
         let other = match end {
             End::Supervisor => End::Host,
             End::Host => End::Supervisor,
         };
         let wrong = |e: zenoh::Error| failed!("cannot open the line: {e}");
-        let (sender, heard) = unbounded();
-        let pass = |sender: Sender<Heard>| {
+        let (sender, heard) = bounded(MOST_HEARD);
+        let inlet = Inlet(Arc::new(Mutex::new(Some(sender))));
+        let pass = |inlet: Inlet| {
             let tell = tell.clone();
-            // Nobody hears it once the line is closed.
-            move |heard| drop(sender.send(heard).map(|()| tell()))
+            move |heard| {
+                inlet.put(heard);
+                tell();
+            }
         };
-        let (pass_on, pass_life) = (pass(sender.clone()), pass(sender));
+        let (pass_on, pass_life) = (pass(inlet.clone()), pass(inlet));
         let hears = self.session.declare_subscriber(key(end, "hears"));
         let hears = hears.callback(move |sample| {
             let bytes = sample.payload().to_bytes().into_owned();
@@ -172,8 +214,13 @@ impl Engine {
 
 impl Question {
     /// What is asked.
-    pub(super) fn bytes(&self) -> Vec<u8> {
-        self.0.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default()
+    pub(super) fn bytes(&self) -> Cow<'_, [u8]> {
+        self.0.payload().map(|payload| payload.to_bytes()).unwrap_or_default()
+    }
+
+    /// The policy file that has come with it, which is copied if it came in parts.
+    pub(super) fn policy(&self) -> Cow<'_, [u8]> {
+        self.0.attachment().map(|policy| policy.to_bytes()).unwrap_or_default()
     }
 
     /// Answers it, which ends it: only then does the answer count. Who asked may be gone, and misses nothing then.
@@ -195,12 +242,31 @@ impl Line {
 
     /// What has come, if there is something.
     pub(super) fn hear(&self) -> Option<Heard> {
-        self.heard.try_recv().ok()
+        match self.heard.try_recv() {
+            Err(TryRecvError::Empty) => None,
+            heard => Some(heard.unwrap_or(Heard::Gone)),
+        }
     }
 
     /// What comes within some time.
     pub(super) fn hear_within(&self, longest: Duration) -> Option<Heard> {
-        self.heard.recv_timeout(longest).ok()
+        match self.heard.recv_timeout(longest) {
+            Err(RecvTimeoutError::Timeout) => None,
+            heard => Some(heard.unwrap_or(Heard::Gone)),
+        }
+    }
+}
+
+/// Where what comes is put. Once it is full it is closed: the other side is gone to whoever has taken what is in it.
+#[derive(Clone)]
+struct Inlet(Arc<Mutex<Option<Sender<Heard>>>>);
+
+impl Inlet {
+    fn put(&self, heard: Heard) {
+        let mut sender = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if sender.as_ref().is_some_and(|sender| sender.try_send(heard).is_err()) {
+            *sender = None;
+        }
     }
 }
 
@@ -226,13 +292,30 @@ fn open(own: impl Iterator<Item = (&'static str, serde_json::Value)>) -> zenoh::
     let common = [
         ("scouting/multicast/enabled", false.into()),
         ("scouting/gossip/enabled", false.into()),
-        ("transport/link/tx/lease", LEASE.into()),
+        ("transport/link/tx/lease", (LEASE.as_millis() as u64).into()),
+        ("transport/link/rx/max_message_size", LONGEST_MESSAGE.into()),
         // Who takes nothing for so long is gone as well, us.
-        ("transport/link/tx/queue/congestion_control/block/wait_before_close", (1000 * LEASE).into()),
+        (
+            "transport/link/tx/queue/congestion_control/block/wait_before_close",
+            (LEASE.as_micros() as u64).into(),
+        ),
     ];
     let mut config = Config::default();
     for (name, value) in common.into_iter().chain(own) {
         config.insert_json5(name, &value.to_string())?;
     }
     zenoh::open(config).wait()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_sends_more_than_is_taken_is_gone() {
+        let (sender, heard) = bounded(2);
+        let inlet = Inlet(Arc::new(Mutex::new(Some(sender))));
+        (0..4).for_each(|_| inlet.put(Heard::Here));
+        assert_eq!(heard.iter().count(), 2, "it ends behind what was in it");
+    }
 }

@@ -4,7 +4,11 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use crate::base::error::{Error, Result};
+use crate::base::regular;
 use crate::usage;
+
+/// The bytes that the file may have.
+const LARGEST: u64 = 1 << 12;
 
 /// Shorter secrets could be guessed.
 const SHORTEST: usize = 32;
@@ -28,7 +32,7 @@ impl Key {
                 "others can read the key {shown}; run `chmod 600 {shown}`, and copy it safely"
             ));
         }
-        let text = std::fs::read_to_string(path).map_err(|e| Error::open(path, e))?;
+        let text = regular::read_text(path, LARGEST)?;
         let line = text.trim();
         let parts =
             line.split_once(':').filter(|_| !line.contains(|c: char| c.is_whitespace() || c.is_control()));

@@ -21,10 +21,13 @@ mod abroad;
 mod engine;
 mod frame;
 mod key;
+mod listen;
 mod orders;
+mod outgoing;
 mod plan;
 mod steward;
 
 pub(crate) use abroad::Hosts;
+pub(crate) use engine::LEASE;
+pub(crate) use listen::serve;
 pub(crate) use plan::Plan;
-pub(crate) use steward::serve;

@@ -1,12 +1,17 @@
 //! Which hosts there are, and which agents run where: the file that `--hosts` names.
 
+use std::net::ToSocketAddrs;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
 use super::key::Key;
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
+use crate::base::regular;
 use crate::usage;
+
+/// The bytes that the file may have.
+const LARGEST: u64 = 1 << 20;
 
 /// What the file says.
 #[derive(Debug, Deserialize)]
@@ -35,7 +40,7 @@ pub(super) struct PlannedHost {
 impl Plan {
     /// Reads the file.
     pub(crate) fn read(path: &Path) -> Result<Plan> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::open(path, e))?;
+        let text = regular::read_text(path, LARGEST)?;
         let plan = toml::from_str::<Plan>(&text);
         let mut plan = plan.map_err(|e| usage!("{} is no list of hosts: {}", path.display(), e.message()))?;
         plan.path = path.to_owned();
@@ -49,6 +54,12 @@ impl Plan {
         for (index, PlannedHost { name, at, .. }) in plan.hosts.iter().enumerate() {
             if let Err(how) = check_address(at) {
                 return wrong(format!("host {name} is at `{at}`, {how}"));
+            }
+            if plan.key.is_none() && !is_within_this_machine(at) {
+                return wrong(format!(
+                    "host {name} ({at}) is not on this machine, and there is no key: anybody could answer there, and \
+                     be sent the policy; add `key = \"FILE\"` at the top"
+                ));
             }
             let others = &plan.hosts[..index];
             if let Some(other) = others.iter().find(|other| other.name == *name || other.at == *at) {
@@ -104,6 +115,12 @@ pub(super) fn check_address(at: &str) -> std::result::Result<(), &'static str> {
     }
 }
 
+/// Whether nobody on another machine can get at an address.
+pub(super) fn is_within_this_machine(at: &str) -> bool {
+    let addresses = at.trim_start_matches("tcp/").to_socket_addrs();
+    addresses.is_ok_and(|mut addresses| addresses.all(|address| address.ip().is_loopback()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,6 +145,14 @@ mod tests {
         assert_eq!(places("", "", 5), [0b00111, 0b11000]);
         assert_eq!(places("agents = [3]", "", 4), [0b1000, 0b0111]);
         assert_eq!(places("agents = [1]", "agents = [0]", 4), [0b0010, 0b0001], "2 and 3 run here");
+    }
+
+    #[test]
+    fn hosts_beyond_this_machine_need_a_key() {
+        let far = "[[host]]\nname = \"far\"\nat = \"tcp/192.0.2.1:7447\"\n";
+        let error = read(far).unwrap_err().to_string();
+        assert!(error.contains("host far (tcp/192.0.2.1:7447) is not on this machine"), "{error}");
+        assert!(read(&format!("key = \"swarm.key\"\n{far}")).is_ok());
     }
 
     #[test]

@@ -1,34 +1,31 @@
-//! The host's side: a program that looks after some agents of one swarm at a time.
+//! Some agents of a swarm on this machine, whose supervisor is elsewhere: started, watched and reaped as it says.
 
-use std::net::ToSocketAddrs;
-use std::path::Path;
 use std::process::Stdio;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use crossbeam::channel::{Receiver, RecvTimeoutError, bounded, unbounded};
+use crossbeam::channel::{Receiver, bounded};
 use rustix::process::Signal;
 
-use super::engine::{self, End, Engine, Heard, Line};
-use super::frame::{Frame, Shape};
-use super::key::Key;
-use super::orders::{Answer, Event, Identity, Invitation, Order, Question, say, understand};
-use super::plan::check_address;
+use super::engine::{End, Engine, Heard, Line};
+use super::frame::Shape;
+use super::orders::{Event, Invitation, LARGEST_POLICY, Order, bit_among, is_secret, say, understand};
+use super::outgoing::Outgoing;
 use crate::agent::PolicySource;
 use crate::agent::process::ProcessSettings;
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::file::AtomicFile;
 use crate::base::hash::fnv1a;
-use crate::bus::{Bell, Header, Kind, PROTOCOL, Sample, StandIns, SupervisorPort, SwarmDirectory, Wait};
+use crate::base::scheduling::Scheduling;
+use crate::bus::{Bell, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmDirectory, Voices, Wait};
+use crate::failed;
 use crate::supervisor::{
     AgentCommand, Children, Deadlines, allow_open_files, check_tasks, members_of, reserve_shared_memory,
     signals,
 };
-use crate::{failed, usage};
 
-/// How long what some agents have answered waits for the others: who is slower has a frame of its own.
-const PATIENCE: Duration = Duration::from_millis(20);
+/// Lines of agents that wait to be sent. More are not sent: whoever says so much says the same again.
+const MOST_LINES: usize = 256;
 
 /// The longest this sleeps before it looks again.
 const LONGEST_SLEEP: Duration = Duration::from_millis(100);
@@ -36,103 +33,14 @@ const LONGEST_SLEEP: Duration = Duration::from_millis(100);
 /// How long the supervisor may take to be there after it has asked.
 const LONGEST_ARRIVAL: Duration = Duration::from_secs(5);
 
-/// Somebody wants this host to join a swarm.
-struct Request {
-    question: engine::Question,
-    invitation: Invitation,
-    policy: Vec<u8>,
-}
-
-/// Listens at an address until the program is asked to stop, for all that have the key. `tell` is told what happens.
-pub(crate) fn serve(at: &str, key: Option<&Path>, tell: impl Fn(&str)) -> Result<()> {
-    check_address(at).map_err(|how| usage!("--listen {at}, {how}"))?;
-    let key = key.map(Key::read).transpose()?;
-    if key.is_none() && !is_within_this_machine(at) {
-        return Err(usage!(
-            "at {at} others could start agents here; give a key with --key FILE, or listen at tcp/127.0.0.1:7447"
-        ));
-    }
-    let engine = Engine::listen(at, key.as_ref())?;
-    let (is_busy, (ask, asked)) = (Arc::new(AtomicBool::new(false)), bounded(1));
-    let busy = is_busy.clone();
-    let _answering = engine.answer(move |question| {
-        let bytes = question.bytes();
-        let answer = match Question::parse(&bytes) {
-            Err(e) => Answer::No(e.to_string()),
-            Ok((Question::Who, _)) => Answer::I(Identity::own()),
-            Ok((Question::Join(_), _)) if busy.swap(true, Ordering::Relaxed) => {
-                Answer::No("it looks after the agents of another swarm".to_owned())
-            }
-            Ok((Question::Join(invitation), policy)) => {
-                let request = Request { question, invitation: *invitation, policy: policy.to_vec() };
-                // There is one at a time, and whoever listens has ended if there is no place.
-                return drop(ask.try_send(request));
-            }
-        };
-        question.answer(say(&answer));
-    })?;
-    tell(&format!("listening at {at}; Ctrl-C ends it"));
-    loop {
-        signals::check_stop()?;
-        match asked.recv_timeout(LONGEST_SLEEP) {
-            Ok(request) => look_after(&engine, request, &is_busy, &tell)?,
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return Err(failed!("the engine has ended")),
-        }
-    }
-}
-
-/// Whether nobody on another machine can get at an address.
-fn is_within_this_machine(at: &str) -> bool {
-    let addresses = at.trim_start_matches("tcp/").to_socket_addrs();
-    addresses.is_ok_and(|mut addresses| addresses.all(|address| address.ip().is_loopback()))
-}
-
-/// Joins a swarm, and is part of it until it ends. Before the supervisor hears that, this host is there for the next.
-///
-/// # Errors
-/// `Interrupted` if the program was asked to stop; all else is told to the supervisor.
-fn look_after(engine: &Engine, request: Request, is_busy: &AtomicBool, tell: &impl Fn(&str)) -> Result<()> {
-    let Request { question, invitation, policy } = request;
-    let mut steward = match Steward::join(engine, &invitation, &policy) {
-        Ok(steward) => steward,
-        Err(e) => {
-            tell(&format!("did not join a swarm: {e}"));
-            is_busy.store(false, Ordering::Relaxed);
-            question.answer(say(&Answer::No(e.to_string())));
-            return Ok(());
-        }
-    };
-    let agents: Vec<String> = members_of(steward.own).map(|agent| agent.to_string()).collect();
-    tell(&format!("joined swarm {} with agents {}", invitation.example.address.tag, agents.join(", ")));
-    question.answer(say(&Answer::Yes));
-    let ended = steward.run();
-    let line = steward.leave();
-    is_busy.store(false, Ordering::Relaxed);
-    match ended {
-        Ok(()) => {
-            tell("the swarm has ended");
-            line.say(say(&Event::Left));
-        }
-        Err(e) => {
-            tell(&format!("the swarm has ended: {e}"));
-            line.say(say(&Event::Failed(e.to_string())));
-            if matches!(e, Error::Interrupted(_)) {
-                return Err(e);
-            }
-        }
-    }
-    Ok(())
-}
-
 /// What looks after the agents here: on the bus of this machine it is their supervisor, and stands in for all other agents.
-struct Steward {
+pub(super) struct Steward {
     line: Line,
     shape: Shape,
     /// The settings of any agent here.
     example: ProcessSettings,
     /// The agents that run here, bit by bit.
-    own: u64,
+    pub(super) own: u64,
     /// Those that have been started and have not ended.
     running: u64,
     /// Those that have not been ready yet.
@@ -143,39 +51,30 @@ struct Steward {
     /// What agents say on stderr.
     said: Receiver<(usize, String)>,
     children: Children,
-    /// `None` if all agents run here: then there is no room.
-    stand_ins: Option<StandIns>,
+    /// Of the agents elsewhere. `None` if all run here: then there is no room.
+    voices: Option<Voices>,
     port: SupervisorPort,
     // Declared last: all else in it goes first.
     directory: SwarmDirectory,
 }
 
-/// What is to be sent, and who is waited for.
-#[derive(Default)]
-struct Outgoing {
-    frame: Frame,
-    /// When the first message came in.
-    since: Option<Instant>,
-    /// Whether it cannot wait for others.
-    is_urgent: bool,
-    /// Whether there are decisions in it.
-    has_decisions: bool,
-    /// Agents that have yet to publish at this tick, bit by bit, and to decide.
-    silent: u64,
-    undecided: u64,
-    /// Whether no agent that is elsewhere is waited for.
-    is_alone: bool,
-}
-
 impl Steward {
     /// Makes room for the agents, and opens the line.
-    fn join(engine: &Engine, invitation: &Invitation, policy: &[u8]) -> Result<Steward> {
-        let Invitation { example, agents: own, policy: hash } = invitation;
+    pub(super) fn join(engine: &Engine, invitation: &Invitation, policy: &[u8]) -> Result<Steward> {
+        let Invitation { example, agents: own, policy: hash, line } = invitation;
         example.check()?;
         let (team, layout) = (example.address.agents, example.settings.layout());
         let everybody = u64::MAX >> (u64::BITS as usize - team);
-        if *own == 0 || own & !everybody != 0 || example.address.weights != 0 || example.address.real_time {
+        let is_one = *own != 0
+            && own & !everybody == 0
+            && example.address.weights == 0
+            && !example.address.real_time
+            && is_secret(line);
+        if !is_one {
             return Err(failed!("this is no swarm that a host can be part of"));
+        }
+        if policy.len() as u64 > LARGEST_POLICY {
+            return Err(failed!("the policy has {} bytes, and {LARGEST_POLICY} are the most", policy.len()));
         }
         if fnv1a(policy.iter().copied()) != *hash {
             return Err(failed!("the policy did not arrive whole ({} bytes); try again", policy.len()));
@@ -184,10 +83,12 @@ impl Steward {
         let path = directory.path().join("policy.safetensors");
         AtomicFile::write(&path, policy)?;
         let mut example = example.clone();
-        let supervisors = std::mem::replace(&mut example.address.tag, directory.tag().to_owned());
+        example.address.tag = directory.tag().to_owned();
         example.settings.policy = PolicySource::Copy(path);
         example.supervisor = std::process::id() as i32;
         example.wait = Wait::Block;
+        // Which cores and priorities there are here is not for others to say.
+        example.scheduling = Scheduling::default();
         example.wire = example.address.wire(&layout);
         let address = &example.address;
         reserve_shared_memory(&directory, address, &layout)?;
@@ -195,13 +96,13 @@ impl Steward {
         check_tasks(own.count_ones() as usize)?;
         let port = SupervisorPort::create(address, &layout)?;
         let bell = Arc::new(Bell::of(address)?);
-        let (say, said) = unbounded();
+        let (say, said) = bounded(MOST_LINES);
         let ring = bell.clone();
         let mut children = Children::new(AgentCommand::this_program()?, move || ring.ring())?.heard_by(say);
         (0..team).for_each(|_| children.leave_out());
         let others = everybody & !own;
         Ok(Steward {
-            line: engine.line(&supervisors, End::Host, move || bell.ring())?,
+            line: engine.line(line, End::Host, move || bell.ring())?,
             shape: Shape { layout, worlds: example.settings.worlds },
             own: *own,
             running: 0,
@@ -210,7 +111,7 @@ impl Steward {
             out: Outgoing::default(),
             said,
             children,
-            stand_ins: (others != 0).then(|| StandIns::open(address, &layout, others)).transpose()?,
+            voices: (others != 0).then(|| Voices::open(address, &layout, others)).transpose()?,
             port,
             directory,
             example,
@@ -218,7 +119,7 @@ impl Steward {
     }
 
     /// Looks after them until the supervisor wants no more of it.
-    fn run(&mut self) -> Result<()> {
+    pub(super) fn run(&mut self) -> Result<()> {
         let (began, mut has_come) = (Instant::now(), false);
         loop {
             signals::check_stop()?;
@@ -233,7 +134,9 @@ impl Steward {
                     }
                     Heard::Words(words) => match understand(&words)? {
                         Order::Leave => return Ok(()),
-                        order => self.follow(order),
+                        Order::Start { agent, incarnation } => self.start(agent, incarnation)?,
+                        Order::Signal { agent, signal } => self.signal(agent, signal)?,
+                        Order::End { agent } => self.end(agent)?,
                     },
                 }
             }
@@ -246,16 +149,15 @@ impl Steward {
             self.take_answers()?;
             self.take_dead()?;
             self.send_due()?;
-            let waits =
-                self.out.since.map_or(LONGEST_SLEEP, |since| PATIENCE.saturating_sub(since.elapsed()));
             // Not 0, which is forever.
-            self.port.sleep(waits.max(Duration::from_millis(1)))?;
+            self.port
+                .sleep(self.out.longest_wait().unwrap_or(LONGEST_SLEEP).max(Duration::from_millis(1)))?;
         }
     }
 
     /// Puts on the bus what the supervisor and the agents elsewhere have sent.
     fn take_frame(&mut self, bytes: &[u8]) -> Result<()> {
-        let Steward { port, stand_ins, out, own, .. } = self;
+        let Steward { port, voices, out, own, .. } = self;
         let (shape, swarm) = (self.shape, self.example.address.id());
         let everybody = u64::MAX >> (u64::BITS as usize - shape.layout.agents);
         shape.each(bytes, |header, words| {
@@ -264,7 +166,7 @@ impl Steward {
             let copy = |to: &mut [u32]| bytemuck::cast_slice_mut(to).copy_from_slice(words);
             match header.kind {
                 kind if kind == Kind::Observation as u32 && *own & bit == 0 => {
-                    stand_ins.as_ref().map_or(Ok(()), |stand_ins| stand_ins.publish_observation(header, copy))
+                    voices.as_ref().map_or(Ok(()), |voices| voices.publish_observation(header, copy))
                 }
                 kind if kind == Kind::Sensor as u32 && *own & bit != 0 => {
                     if header.incarnation == 0 {
@@ -282,28 +184,36 @@ impl Steward {
         })
     }
 
-    fn follow(&mut self, order: Order) {
-        match order {
-            Order::Start { agent, incarnation } if self.own >> agent & 1 == 1 => {
-                self.incarnations[agent] = incarnation;
-                let settings = ProcessSettings { agent, incarnation, ..self.example.clone() };
-                let (name, nothing) = (format!("agent-{agent}"), [Stdio::null(), Stdio::null()]);
-                match self.children.start_anew(agent, &name, "agent", &settings, nothing) {
-                    Ok(()) => self.running |= 1 << agent,
-                    Err(e) => self.line.say(say(&Event::Ended { agent, incarnation, how: e.to_string() })),
-                }
-            }
-            Order::Signal { agent, signal } if self.own >> agent & 1 == 1 => {
-                let signal = Signal::from_named_raw(signal);
-                signal.iter().for_each(|signal| self.children.signal(agent, *signal));
-            }
-            Order::End { agent } if self.own >> agent & 1 == 1 => {
-                self.children.end(agent);
-                self.running &= !(1 << agent);
-            }
-            // Nobody sends these.
-            _ => {}
+    /// The bit of an agent that the supervisor names.
+    fn bit_of(&self, agent: usize) -> Result<u64> {
+        bit_among(self.own, agent)
+            .ok_or_else(|| failed!("the supervisor gave an order for agent-{agent}, which is not here"))
+    }
+
+    fn start(&mut self, agent: usize, incarnation: u32) -> Result<()> {
+        let bit = self.bit_of(agent)?;
+        self.incarnations[agent] = incarnation;
+        let settings = ProcessSettings { agent, incarnation, ..self.example.clone() };
+        let (name, nothing) = (format!("agent-{agent}"), [Stdio::null(), Stdio::null()]);
+        match self.children.start_anew(agent, &name, "agent", &settings, nothing) {
+            Ok(()) => self.running |= bit,
+            Err(e) => self.line.say(say(&Event::Ended { agent, incarnation, how: e.to_string() })),
         }
+        Ok(())
+    }
+
+    fn signal(&mut self, agent: usize, signal: i32) -> Result<()> {
+        self.bit_of(agent)?;
+        let signal = Signal::from_named_raw(signal)
+            .ok_or_else(|| failed!("the supervisor sent agent-{agent} signal {signal}, which is none"))?;
+        self.children.signal(agent, signal);
+        Ok(())
+    }
+
+    fn end(&mut self, agent: usize) -> Result<()> {
+        self.running &= !self.bit_of(agent)?;
+        self.children.end(agent);
+        Ok(())
     }
 
     /// Takes what the agents here have published and decided.
@@ -321,9 +231,10 @@ impl Steward {
             self.out.push(sample.header(), sample.words());
             if sample.header().kind == Kind::Ready as u32 {
                 self.out.is_urgent = true;
+                let is_last = self.unready == bit;
                 self.unready &= !bit;
-                if self.unready == 0 {
-                    // All segments are there.
+                if is_last {
+                    // All segments are there. One that is started anew finds its own.
                     self.directory.take_pages()?;
                 }
             } else {
@@ -348,15 +259,9 @@ impl Steward {
 
     /// Sends what is complete, or has waited for long enough.
     fn send_due(&mut self) -> Result<()> {
-        let (out, running) = (&mut self.out, self.running);
-        let Some(since) = out.since else { return Ok(()) };
-        let is_complete = out.silent & running == 0 && !(out.has_decisions && out.undecided & running != 0);
-        if !is_complete && !out.is_urgent && since.elapsed() < PATIENCE {
-            return Ok(());
-        }
-        self.line.send(out.frame.take());
-        (out.since, out.is_urgent, out.has_decisions) = (None, false, false);
-        if out.is_alone && out.silent & running == 0 && out.undecided & running != 0 {
+        let Some(frame) = self.out.take_due(self.running) else { return Ok(()) };
+        self.line.send(frame);
+        if self.out.must_wake(self.running) {
             // Nothing comes from elsewhere that would wake them.
             self.port.wake_agents()?;
         }
@@ -364,7 +269,7 @@ impl Steward {
     }
 
     /// Ends all agents. Nothing of the swarm is left then, but for the line.
-    fn leave(mut self) -> Line {
+    pub(super) fn leave(mut self) -> Line {
         for agent in members_of(self.own) {
             self.children.signal(agent, Signal::CONT);
             let header = Header {
@@ -385,20 +290,13 @@ impl Steward {
     }
 }
 
-impl Outgoing {
-    fn push(&mut self, header: &Header, words: &[u32]) {
-        self.frame.push(header, words);
-        self.since.get_or_insert_with(Instant::now);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::net::TcpListener;
 
+    use super::super::orders::secret;
     use super::*;
     use crate::agent::AgentSettings;
-    use crate::base::scheduling::Scheduling;
     use crate::bus::SwarmAddress;
     use crate::environment::Task;
 
@@ -419,12 +317,15 @@ mod tests {
             supervisor: 1,
             settings,
         };
-        let invitation = Invitation { example, agents: 0b01, policy: fnv1a(*b"policy") };
+        let line = secret().unwrap();
+        let invitation = Invitation { example, agents: 0b01, policy: fnv1a(*b"policy"), line };
         let refused = |invitation: &Invitation, policy: &[u8]| {
             Steward::join(&engine, invitation, policy).err().expect("it is refused").to_string()
         };
         assert!(refused(&invitation, b"polic").contains("did not arrive whole (5 bytes)"));
-        let nobody = Invitation { agents: 0b100, ..invitation };
+        let nobody = Invitation { agents: 0b100, ..invitation.clone() };
         assert!(refused(&nobody, b"policy").contains("no swarm"));
+        let overheard = Invitation { line: "**".to_owned(), ..invitation };
+        assert!(refused(&overheard, b"policy").contains("no swarm"));
     }
 }

@@ -41,7 +41,7 @@ impl Children {
         Ok(Children { command, others: Vec::new(), processes: Vec::new(), heard_by: None, watcher })
     }
 
-    /// Has somebody else hear what they write to stderr, too.
+    /// Has somebody else hear what they write to stderr, too: as much of it as there is room for.
     #[cfg(feature = "hosts")]
     pub(crate) fn heard_by(self, listener: Sender<(usize, String)>) -> Children {
         Children { heard_by: Some(listener), ..self }
@@ -110,8 +110,8 @@ impl Children {
         let (speaker, heard_by) = (name.clone(), self.heard_by.clone());
         let say = move |line: &str| {
             say(format!("[{speaker}] {line}"));
-            // Nobody hears it once the listener is gone.
-            heard_by.iter().for_each(|listener| drop(listener.send((index, line.to_owned()))));
+            // A listener may be gone, or slower than they talk.
+            heard_by.iter().for_each(|listener| drop(listener.try_send((index, line.to_owned()))));
         };
         let thread = std::thread::Builder::new().spawn(move || stderr.pass_on(say));
         let mut process = ChildProcess { name, child, pidfd, stderr: None };
