@@ -11,17 +11,27 @@ use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
 
-use common::{PROGRAM, await_sleeps, children, fail, is_running, stderr, succeed};
+use common::{PROGRAM, await_sleeps, children, fail, is_running, shared_memory, stderr, succeed};
+
+/// Has one test at a time run: each has processes enough for the machine.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// A host on this machine, with a folder of its own for its swarms.
 pub struct Host {
     name: String,
     at: String,
+    /// For supervisors, where it has one.
+    key: Option<PathBuf>,
     process: Child,
     places: TempDir,
 }
@@ -29,45 +39,74 @@ pub struct Host {
 impl Host {
     /// Starts one on loopback, and waits until it listens.
     fn start(name: &str, more: &[&str]) -> Host {
-        // Nobody else gets the port so soon.
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        Host::start_at(Command::new(PROGRAM), name, &format!("tcp/127.0.0.1:{port}"), more)
+        // Somebody else may get the port in between.
+        let attempt = |_| {
+            let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+            Host::start_at(Command::new(PROGRAM), name, &format!("tcp/127.0.0.1:{port}"), more).ok()
+        };
+        (0..5).find_map(attempt).expect("it can listen at one of five ports")
     }
 
-    fn start_at(mut command: Command, name: &str, at: &str, more: &[&str]) -> Host {
+    /// Starts one at an address; what it says if it cannot listen there.
+    fn start_at(mut command: Command, name: &str, at: &str, more: &[&str]) -> Result<Host, String> {
         let places = tempfile::Builder::new().prefix("vs-").tempdir_in("/tmp").unwrap();
         command.args(["host", "--listen", at]).args(more).env("XDG_RUNTIME_DIR", places.path());
         let mut process = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(process.stderr.take().unwrap()).lines();
         let first = lines.next().expect("a host says that it listens").unwrap();
-        assert!(first.contains("listening"), "{first}");
+        if !first.contains("listening") {
+            process.wait().unwrap();
+            return Err(first);
+        }
         // Its words would fill the pipe.
         std::thread::spawn(move || lines.for_each(drop));
-        Host { name: name.to_owned(), at: at.to_owned(), process, places }
+        Ok(Host { name: name.to_owned(), at: at.to_owned(), key: None, process, places })
     }
 
     fn pid(&self) -> Pid {
         Pid::from_child(&self.process)
     }
 
+    /// The tags of the swarms it is part of, or has left behind.
+    fn swarms(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(self.places.path().join("vamaro-swarm")).into_iter().flatten();
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
     /// Waits until nothing of any swarm is here.
     fn assert_empty(&self) {
-        let places = self.places.path().join("vamaro-swarm");
-        let deadline = Instant::now() + Duration::from_secs(10);
+        let deadline = Instant::now() + Duration::from_secs(30);
         loop {
-            let swarms = std::fs::read_dir(&places).into_iter().flatten().count();
-            if swarms == 0 && children(self.process.id()).is_empty() {
+            let swarms = self.swarms();
+            if swarms.is_empty() && children(self.process.id()).is_empty() {
                 return;
             }
-            assert!(Instant::now() < deadline, "{} still has {swarms} swarms", self.name);
+            assert!(Instant::now() < deadline, "{} still has {swarms:?}", self.name);
             std::thread::sleep(Duration::from_millis(5));
         }
+    }
+
+    /// Kills it, without a chance to clean up.
+    fn kill(&self) {
+        kill_process(self.pid(), Signal::KILL).unwrap();
+    }
+
+    /// Removes what it has left behind after it was killed.
+    fn clean(&self) {
+        let tags = self.swarms();
+        assert!(!tags.is_empty() && tags.iter().any(|tag| !shared_memory(tag).is_empty()));
+        let mut doctor = common::command("doctor --clean");
+        assert!(doctor.env("XDG_RUNTIME_DIR", self.places.path()).output().is_ok());
+        self.assert_empty();
+        assert!(tags.iter().all(|tag| shared_memory(tag).is_empty()));
     }
 }
 
 impl Drop for Host {
     fn drop(&mut self) {
-        let _ = kill_process(self.pid(), Signal::TERM);
+        for signal in [Signal::TERM, Signal::CONT] {
+            let _ = kill_process(self.pid(), signal);
+        }
         let _ = self.process.wait();
     }
 }
@@ -75,8 +114,10 @@ impl Drop for Host {
 /// A file for `--hosts`, in a folder.
 fn plan(folder: &Path, hosts: &[&Host], rest: &str) -> PathBuf {
     let entry = |host: &&Host| format!("[[host]]\nname = \"{}\"\nat = \"{}\"\n", host.name, host.at);
+    let key = hosts.iter().find_map(|host| host.key.as_ref());
+    let key = key.map_or(String::new(), |key| format!("key = \"{}\"\n", key.display()));
     let path = folder.join("hosts.toml");
-    std::fs::write(&path, hosts.iter().map(entry).collect::<String>() + rest).unwrap();
+    std::fs::write(&path, key + &hosts.iter().map(entry).collect::<String>() + rest).unwrap();
     path
 }
 
@@ -85,7 +126,7 @@ fn assert_same_bits(hosts: &[&Host], words: &str, rest: &str) {
     let folder = tempfile::tempdir().unwrap();
     let (here, there) = (folder.path().join("here.json"), folder.path().join("there.json"));
     let plan = plan(folder.path(), hosts, rest);
-    let words = format!("spawn --episodes 3 --seed 5 --audit {words} --record");
+    let words = format!("spawn --episodes 3 --seed 5 --audit --deadline 60s {words} --record");
     succeed(&format!("{words} {}", here.display()));
     succeed(&format!("{words} {} --hosts {}", there.display(), plan.display()));
     let [here, there] = [here, there].map(|path| std::fs::read(path).unwrap());
@@ -95,6 +136,7 @@ fn assert_same_bits(hosts: &[&Host], words: &str, rest: &str) {
 
 #[test]
 fn hosts_play_as_one_machine_does() {
+    let _alone = alone();
     let (left, right, third) =
         (Host::start("left", &[]), Host::start("right", &[]), Host::start("third", &[]));
     assert_same_bits(&[&left, &right], "--task hear-see --p 0.6 --imputer hold --worlds 2", "");
@@ -107,6 +149,7 @@ fn hosts_play_as_one_machine_does() {
 
 #[test]
 fn a_host_that_dies_is_agents_that_die() {
+    let _alone = alone();
     let (left, right, folder) =
         (Host::start("left", &[]), Host::start("right", &[]), tempfile::tempdir().unwrap());
     let plan = plan(folder.path(), &[&left, &right], "");
@@ -120,7 +163,7 @@ fn a_host_that_dies_is_agents_that_die() {
     // A host is killed: the others play on without it.
     let supervisor = play(&plan, &[&left, &right], words);
     let agents = children(right.process.id());
-    kill_process(right.pid(), Signal::KILL).unwrap();
+    right.kill();
     await_sleeps(children(left.process.id())[0], 50);
     assert!(agents.iter().all(|agent| !is_running(*agent)));
     let (code, said) = end(supervisor);
@@ -130,10 +173,67 @@ fn a_host_that_dies_is_agents_that_die() {
     let words = format!("spawn --agents 4 --hosts {}", plan.display());
     fail(&words, 1, &["host right", &right.at, "cannot be reached"]);
     left.assert_empty();
+    right.clean();
+}
+
+#[test]
+fn a_host_that_is_silent_is_lost_and_free_again_later() {
+    let _alone = alone();
+    let (left, right, folder) =
+        (Host::start("left", &[]), Host::start("right", &[]), tempfile::tempdir().unwrap());
+    let plan = plan(folder.path(), &[&left, &right], "");
+    let supervisor = play(&plan, &[&left, &right], "--agents 4 --on-failure continue");
+    kill_process(right.pid(), Signal::STOP).unwrap();
+    // A tick waits for it until then: the others play on.
+    await_sleeps(children(left.process.id())[0], 50);
+    kill_process(right.pid(), Signal::CONT).unwrap();
+    right.assert_empty();
+    let (code, said) = end(supervisor);
+    assert_eq!(code, Some(130), "{said}");
+    left.assert_empty();
+    succeed(&format!("spawn --agents 4 --episodes 1 --deadline 60s --hosts {}", plan.display()));
+}
+
+#[test]
+fn who_dies_on_a_host_is_started_anew_there() {
+    let _alone = alone();
+    let (host, folder) = (Host::start("left", &[]), tempfile::tempdir().unwrap());
+    let plan = plan(folder.path(), &[&host], "");
+    let supervisor = play(&plan, &[&host], "--agents 4 --on-failure restart");
+    let before = children(host.process.id());
+    kill_process(before[0], Signal::KILL).unwrap();
+    let deadline = Instant::now() + Duration::from_secs(60);
+    let newcomer = loop {
+        if let Some(newcomer) = children(host.process.id()).into_iter().find(|pid| !before.contains(pid)) {
+            break newcomer;
+        }
+        assert!(Instant::now() < deadline, "nobody is started");
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    await_sleeps(newcomer, 20);
+    let (code, said) = end(supervisor);
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("host left") && said.contains("killed by signal 9"), "{said}");
+    host.assert_empty();
+}
+
+#[test]
+fn a_host_is_free_again_if_another_refuses() {
+    let _alone = alone();
+    let (left, right, folder) =
+        (Host::start("left", &[]), Host::start("right", &[]), tempfile::tempdir().unwrap());
+    let busy = play(&plan(folder.path(), &[&right], ""), &[&right], "--agents 4");
+    let both = plan(folder.path(), &[&left, &right], "");
+    fail(&format!("spawn --agents 4 --hosts {}", both.display()), 1, &["host right", "another swarm"]);
+    left.assert_empty();
+    let one = plan(folder.path(), &[&left], "");
+    succeed(&format!("spawn --agents 4 --episodes 1 --deadline 60s --hosts {}", one.display()));
+    assert_eq!(end(busy).0, Some(130));
 }
 
 #[test]
 fn only_who_has_the_key_gets_in() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let key = |name: &str, secret: char| {
         let path = folder.path().join(name);
@@ -146,7 +246,7 @@ fn only_who_has_the_key_gets_in() {
     let play = |key: &str| {
         let plan = plan(folder.path(), &[&host], "");
         std::fs::write(&plan, key.to_owned() + &std::fs::read_to_string(&plan).unwrap()).unwrap();
-        format!("spawn --task hear-see --episodes 2 --hosts {}", plan.display())
+        format!("spawn --task hear-see --episodes 2 --deadline 60s --hosts {}", plan.display())
     };
     fail(&play(""), 1, &["host left", "does not let us in", "key"]);
     fail(&play("key = \"wrong.key\"\n"), 1, &["host left", "does not let us in", "key"]);
@@ -155,9 +255,17 @@ fn only_who_has_the_key_gets_in() {
 
 #[test]
 fn what_cannot_be_is_said_by_name() {
+    let _alone = alone();
     let (host, folder) = (Host::start("left", &[]), tempfile::tempdir().unwrap());
     let plan = plan(folder.path(), &[&host], "");
     fail("host --listen tcp/0.0.0.0:7447", 2, &["--key"]);
+    let far = folder.path().join("far.toml");
+    std::fs::write(&far, "[[host]]\nname = \"far\"\nat = \"tcp/192.0.2.1:7447\"\n").unwrap();
+    fail(&format!("spawn --hosts {}", far.display()), 2, &["host far", "no key"]);
+    let pipe = folder.path().join("pipe");
+    mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    fail(&format!("spawn --hosts {}", pipe.display()), 1, &["pipe", "name a regular file"]);
+    fail(&format!("host --key {}", pipe.display()), 1, &["pipe", "name a regular file"]);
     fail("host --listen 127.0.0.1", 2, &["tcp/192.168.1.11:7447"]);
     fail(&format!("host --listen {}", host.at), 1, &["cannot listen", &host.at]);
     fail(&format!("spawn --hosts {} --wait spin", plan.display()), 2, &["--wait block"]);
@@ -169,7 +277,7 @@ fn what_cannot_be_is_said_by_name() {
 
 /// Plays for long; returns once each of these hosts does.
 fn play(plan: &Path, hosts: &[&Host], words: &str) -> Child {
-    let mut command = common::command(&format!("spawn --episodes 10000000 {words}"));
+    let mut command = common::command(&format!("spawn --episodes 10000000 --deadline 60s {words}"));
     command.arg("--hosts").arg(plan).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut supervisor = command.spawn().unwrap();
     // It says what it plays when all agents are ready.
