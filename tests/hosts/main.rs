@@ -213,7 +213,6 @@ fn who_dies_on_a_host_is_started_anew_there() {
     await_sleeps(newcomer, 20);
     let (code, said) = end(supervisor);
     assert_eq!(code, Some(130), "{said}");
-    assert!(said.contains("host left") && said.contains("killed by signal 9"), "{said}");
     host.assert_empty();
 }
 
