@@ -64,6 +64,7 @@
 //! | [`agent`] | the agent's side: inbox, imputer, policy, process |
 //! | [`recording`] | recorded episodes |
 //! | [`supervisor`] | launches agents, plays episodes in lockstep or by the clock, watches and reaps |
+//! | `hosts` | a swarm on several machines |
 //! | `metrics` | what a training run writes down as it goes |
 //! | `plot` | charts as SVG |
 //! | [`train`] | how a team learns: actors, critics, predictors, one update |
@@ -94,6 +95,8 @@ pub mod dynamics;
 pub mod environment;
 #[cfg(feature = "cli")]
 pub(crate) mod evaluate;
+#[cfg(feature = "hosts")]
+pub(crate) mod hosts;
 #[cfg(feature = "cli")]
 pub(crate) mod latency;
 pub mod link;

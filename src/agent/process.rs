@@ -7,12 +7,19 @@ use serde::{Deserialize, Serialize};
 
 use super::{Agent, AgentSettings, Member, Sensed};
 use crate::base::error::Result;
+use crate::base::rng::MAX_AGENTS;
 use crate::base::scheduling::Scheduling;
-use crate::bus::{AgentSharedPort, SwarmAddress, Wait, Wire, wait_for_moment, wait_until, wake_on_time};
+use crate::bus::{
+    AgentSharedPort, PROTOCOL, SwarmAddress, Wait, Wire, is_tag, wait_for_moment, wait_until, wake_on_time,
+};
 use crate::failed;
+use crate::link::LONGEST_DELAY;
 
 /// How long an agent tries to open what its supervisor has created.
 const OPEN_DEADLINE: Duration = Duration::from_secs(5);
+
+/// The most 32-bit words that a supervisor puts into a message.
+const MOST_WORDS: usize = 1 << 26;
 
 /// What the supervisor tells an agent process at its start. `docs/protocol.md` says which of it other languages can rely on.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -35,6 +42,47 @@ pub struct ProcessSettings {
     pub settings: AgentSettings,
     /// How messages are made, for those that are not this program.
     pub wire: Wire,
+}
+
+impl ProcessSettings {
+    /// An error if no supervisor of this version can have written these settings. Sizes follow from them.
+    pub(crate) fn check(&self) -> Result<()> {
+        let ProcessSettings { address, agent, settings, wire, .. } = self;
+        if wire.protocol != PROTOCOL {
+            return Err(failed!(
+                "the program that started this agent speaks version {} of the protocol, and this one {PROTOCOL}; build \
+                 both from the same source",
+                wire.protocol
+            ));
+        }
+        let team = settings.spec.n_agents();
+        // With --relay, a message has an observation and an age of everybody.
+        let relayed = team.saturating_mul(settings.spec.padded_obs_dim().saturating_add(1));
+        let relayed = if settings.relay { relayed } else { 0 };
+        let widest = settings.spec.joint_dim().max(settings.spec.n_actions()).max(relayed);
+        let sound = (1..=MAX_AGENTS).contains(&team)
+            && address.agents == team
+            && *agent < team
+            && settings.worlds > 0
+            && address.worlds == settings.worlds
+            && settings.worlds.saturating_mul(widest) <= MOST_WORDS
+            && address.longest_delay == settings.longest_delay
+            && address.longest_delay <= LONGEST_DELAY
+            && is_tag(&address.tag);
+        if sound {
+            return Ok(());
+        }
+        Err(failed!(
+            "these are no settings of an agent: agent {agent} of {} in a team of {team}, {} worlds in messages of {}, delays \
+             of up to {} and {} ticks, in the swarm `{}`",
+            address.agents,
+            settings.worlds,
+            address.worlds,
+            settings.longest_delay,
+            address.longest_delay,
+            address.tag
+        ))
+    }
 }
 
 /// Runs an agent until the supervisor sends it away.

@@ -6,6 +6,7 @@ pub mod distribution;
 pub mod error;
 pub(crate) mod faults;
 pub(crate) mod file;
+pub(crate) mod hash;
 pub(crate) mod nearest;
 #[cfg(feature = "cli")]
 pub(crate) mod page;

@@ -45,7 +45,7 @@ pub enum Kind {
 
 /// Stands before every payload. Its name is the one by which other languages open the services.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend, bytemuck::Pod, bytemuck::Zeroable)]
 #[type_name("VamaroSwarmHeader")]
 pub struct Header {
     /// [`PROTOCOL`].

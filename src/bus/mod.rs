@@ -15,6 +15,8 @@
 //! The supervisor reads observations along only to know when all of a tick are published. Swarms that play a
 //! frozen policy have no service for weights. Guests who watch a swarm have a service of their own, apart from these.
 
+#[cfg(feature = "hosts")]
+mod bell;
 mod clock;
 mod directory;
 #[cfg(feature = "view")]
@@ -28,8 +30,12 @@ mod message;
 mod place;
 mod services;
 mod shared;
+#[cfg(feature = "hosts")]
+mod stand_ins;
 mod wait;
 
+#[cfg(feature = "hosts")]
+pub(crate) use bell::Bell;
 pub(crate) use clock::{now_ns, wait_for_moment, wake_on_time};
 pub use directory::SwarmDirectory;
 pub(crate) use directory::{check_writable, is_tag, leftovers, place};
@@ -47,6 +53,8 @@ pub(crate) use services::{Role, bus_error, node, open_files_needed, service_name
 pub use services::{SwarmAddress, Wire};
 pub(crate) use shared::wake_supervisor;
 pub use shared::{AgentSharedPort, SharedSample, SupervisorPort};
+#[cfg(feature = "hosts")]
+pub(crate) use stand_ins::StandIns;
 pub use wait::Wait;
 pub(crate) use wait::wait_until;
 

@@ -159,8 +159,12 @@ impl SwarmAddress {
     }
 
     /// The service that wakes the supervisor: it has room for the agents, of whom some may be dead, and for the one that
-    /// notices that.
-    pub(super) fn supervisors_event(&self, node: &Node<ipc::Service>, role: Role) -> Result<Event> {
+    /// notices that. (For a bell there is the room of an agent that is elsewhere.)
+    pub(super) fn supervisors_event<S: Service>(
+        &self,
+        node: &Node<S>,
+        role: Role,
+    ) -> Result<event::PortFactory<S>> {
         self.event(node, "wake-supervisor", [self.agents + 1, 1], role)
     }
 
@@ -209,13 +213,13 @@ impl SwarmAddress {
         }
     }
 
-    fn event(
+    fn event<S: Service>(
         &self,
-        node: &Node<ipc::Service>,
+        node: &Node<S>,
         name: &str,
         [notifiers, listeners]: [usize; 2],
         role: Role,
-    ) -> Result<Event> {
+    ) -> Result<event::PortFactory<S>> {
         let builder = node.service_builder(&service_name(name)?).event();
         let what = format!("open the service {name}");
         match role {

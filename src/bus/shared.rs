@@ -209,14 +209,18 @@ fn listener(service: &Event) -> Result<Listener<ipc::Service>> {
     service.listener_builder().create().map_err(bus_error("create a listener"))
 }
 
-fn publish(publisher: &WordPublisher, header: Header, write: impl FnOnce(&mut [u32])) -> Result<()> {
+pub(super) fn publish(
+    publisher: &WordPublisher,
+    header: Header,
+    write: impl FnOnce(&mut [u32]),
+) -> Result<()> {
     let mut sample = publisher.loan_slice(header.length as usize).map_err(bus_error("loan a sample"))?;
     *sample.user_header_mut() = header;
     write(sample.payload_mut());
     sample.send().map(drop).map_err(bus_error("send a sample"))
 }
 
-fn receive(subscriber: &WordSubscriber) -> Result<Option<SharedSample>> {
+pub(super) fn receive(subscriber: &WordSubscriber) -> Result<Option<SharedSample>> {
     Ok(subscriber.receive().map_err(bus_error("receive a sample"))?.map(SharedSample))
 }
 

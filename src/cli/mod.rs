@@ -6,6 +6,8 @@ mod doctor;
 pub(crate) mod evaluate;
 mod export;
 mod fit;
+#[cfg(feature = "hosts")]
+mod host;
 mod import;
 mod inspect;
 pub(crate) mod machine;
@@ -68,6 +70,9 @@ requirement is not met, 130 interrupted.";
 enum Command {
     /// Start a swarm, play episodes, and report how the team did
     Spawn(spawn::Spawn),
+    /// Run agents of swarms that `spawn --hosts` starts on another machine
+    #[cfg(feature = "hosts")]
+    Host(host::Host),
     /// Watch a running swarm in the terminal
     #[cfg(feature = "view")]
     Top(top::Top),
@@ -154,6 +159,8 @@ impl Cli {
         say_what_ended()?;
         match self.command {
             Command::Spawn(command) => command.run(),
+            #[cfg(feature = "hosts")]
+            Command::Host(command) => command.run(),
             #[cfg(feature = "view")]
             Command::Top(command) => command.run(),
             Command::Train(command) => command.run(),

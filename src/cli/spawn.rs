@@ -23,7 +23,10 @@ use crate::bus::SwarmDirectory;
 use crate::bus::Wait;
 use crate::environment::{Environment, PhysicsSpec};
 use crate::failed;
+#[cfg(feature = "hosts")]
+use crate::hosts::{Hosts, Plan};
 use crate::link;
+use crate::nn::Policy;
 #[cfg(feature = "view")]
 use crate::supervisor::Control;
 use crate::supervisor::{
@@ -90,6 +93,12 @@ pub struct Spawn {
     /// be in any language: docs/protocol.md says what it must do. Quotes work as in a shell, variables do not
     #[arg(long = "agent", value_name = "I=COMMAND", value_parser = other_agent, conflicts_with = "in_process")]
     other_agents: Vec<(usize, AgentCommand)>,
+
+    /// Run agents on other machines: this file says on which, and which agents where. Each of them runs
+    /// `vamaro-swarm host`; docs/hosts.md says more
+    #[cfg(feature = "hosts")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["in_process", "rate", "other_agents"])]
+    hosts: Option<PathBuf>,
 
     /// Take the most probable action instead of sampling
     #[arg(long)]
@@ -256,7 +265,7 @@ impl Spawn {
         let played = if self.in_process {
             self.play(&mut InProcess::new(&settings, &policy)?, scene.environment, &summary, onlookers)?
         } else {
-            let mut team = Processes::start(&settings, &policy, self.conduct(&settings, scheduling)?)?;
+            let mut team = self.start(&settings, &policy, scheduling)?;
             summary.scheduling = team.grants().cloned();
             if self.wait == Wait::Spin && scene.spec.n_agents() >= cores() {
                 tell(&format!(
@@ -291,6 +300,17 @@ impl Spawn {
             Some(audit) if !audit.holds() => Err(failed!("the audit failed: {audit}")),
             _ => played.ended.and_then(|()| requirement::check(&self.require, &outcome)),
         }
+    }
+
+    /// Starts the processes, here or where --hosts says.
+    fn start(&self, settings: &AgentSettings, policy: &Policy, scheduling: Scheduling) -> Result<Processes> {
+        let conduct = self.conduct(settings, scheduling)?;
+        #[cfg(feature = "hosts")]
+        if let Some(path) = &self.hosts {
+            let hosts = Hosts::connect(&Plan::read(path)?, settings.spec.n_agents())?;
+            return Processes::start_also(Box::new(hosts), settings, policy, conduct);
+        }
+        Processes::start(settings, policy, conduct)
     }
 
     fn conduct(&self, settings: &AgentSettings, scheduling: Scheduling) -> Result<Conduct> {

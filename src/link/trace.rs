@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::{Context, Domain, Fates, LONGEST_DELAY, Link, Model, Parameter};
 use crate::base::error::Result;
+use crate::base::hash::fnv1a;
 use crate::base::regular;
 use crate::base::rng::Purpose;
 use crate::usage;
@@ -124,10 +125,7 @@ impl RadioLog {
     /// Tells logs apart, 16 hexadecimal digits (FNV-1a).
     pub(crate) fn fingerprint(&self) -> String {
         let bytes = self.ticks.iter().map(|ticks| ticks.unwrap_or(u8::MAX));
-        let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-        });
-        format!("{hash:016x}")
+        format!("{:016x}", fnv1a(bytes))
     }
 }
 

@@ -11,6 +11,7 @@ use super::predictor::Predictor;
 use super::weights::{Storage, Tensor};
 use super::{Dims, PredictorSpec};
 use crate::base::error::Result;
+use crate::base::hash::fnv1a;
 use crate::dynamics::Dynamics;
 use crate::{failed, usage};
 use serde_json::json;
@@ -328,10 +329,7 @@ impl Policy {
         let words = format!("{} {} {networks}{onnx}", meta.task, meta.algorithm);
         let graphs = self.graphs.iter().flat_map(Graphs::files).flatten();
         let bytes = words.as_bytes().iter().chain(bytemuck::cast_slice(&values)).chain(graphs);
-        let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-            (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
-        });
-        format!("{hash:016x}")
+        format!("{:016x}", fnv1a(bytes.copied()))
     }
 
     /// The number of weights and biases.

@@ -103,7 +103,7 @@ impl Examination {
         }
         let directory = SwarmDirectory::create()?;
         let reference = InProcess::new(settings, policy)?;
-        let settings = share_weights(settings, policy, &directory, true)?;
+        let settings = share_weights(settings, policy, &directory, [true, false])?;
         let address = SwarmAddress {
             agents: spec.n_agents(),
             worlds: settings.worlds,

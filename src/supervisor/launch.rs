@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use crossbeam::channel::Sender;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
     Pid, Signal, WaitId, WaitIdOptions, getpgid, kill_process_group, pidfd_send_signal, waitid,
@@ -14,7 +15,7 @@ use rustix::process::{
 use serde::Serialize;
 
 use super::command::AgentCommand;
-use super::stderr::OwnStderr;
+use super::stderr::{OwnStderr, say};
 use super::watcher::Watcher;
 use crate::base::error::{Error, Result};
 use crate::failed;
@@ -25,8 +26,10 @@ pub(crate) struct Children {
     command: AgentCommand,
     /// For some of them others, by index.
     others: Vec<(usize, AgentCommand)>,
-    /// `None` where one was lost, until it is started anew.
+    /// `None` where one was lost, until it is started anew, or runs elsewhere.
     processes: Vec<Option<ChildProcess>>,
+    /// Who else hears what they say, and which of them says it.
+    heard_by: Option<Sender<(usize, String)>>,
     // Declared last: they are killed when it ends.
     watcher: Watcher,
 }
@@ -34,7 +37,14 @@ pub(crate) struct Children {
 impl Children {
     /// None yet. They will be run by this command, and a thread will call `tell` after one has ended.
     pub(crate) fn new(command: AgentCommand, tell: impl FnMut() + Send + 'static) -> Result<Children> {
-        Ok(Children { command, others: Vec::new(), processes: Vec::new(), watcher: Watcher::new(tell)? })
+        let watcher = Watcher::new(tell)?;
+        Ok(Children { command, others: Vec::new(), processes: Vec::new(), heard_by: None, watcher })
+    }
+
+    /// Has somebody else hear what they write to stderr, too.
+    #[cfg(feature = "hosts")]
+    pub(crate) fn heard_by(self, listener: Sender<(usize, String)>) -> Children {
+        Children { heard_by: Some(listener), ..self }
     }
 
     /// Runs some of them by other commands, by index.
@@ -55,8 +65,13 @@ impl Children {
         Ok(())
     }
 
-    /// Starts one in the place of one that was lost.
-    pub(super) fn start_anew(
+    /// Leaves out the next one, which runs elsewhere or is started later.
+    pub(crate) fn leave_out(&mut self) {
+        self.processes.push(None);
+    }
+
+    /// Starts one in the place of one that was lost or left out.
+    pub(crate) fn start_anew(
         &mut self,
         index: usize,
         name: &str,
@@ -92,8 +107,13 @@ impl Children {
         let stderr = child.stderr.take().expect("stderr is piped");
         let stderr = OwnStderr::new(stderr, pidfd.clone());
         let name = name.to_owned();
-        let passed_on = name.clone();
-        let thread = std::thread::Builder::new().spawn(move || stderr.pass_on(&passed_on));
+        let (speaker, heard_by) = (name.clone(), self.heard_by.clone());
+        let say = move |line: &str| {
+            say(format!("[{speaker}] {line}"));
+            // Nobody hears it once the listener is gone.
+            heard_by.iter().for_each(|listener| drop(listener.send((index, line.to_owned()))));
+        };
+        let thread = std::thread::Builder::new().spawn(move || stderr.pass_on(say));
         let mut process = ChildProcess { name, child, pidfd, stderr: None };
         let thread = thread.map_err(|e| {
             failed!("cannot start a thread to listen to {}: {e}; allow more with `ulimit -u`", process.name)
@@ -131,7 +151,7 @@ impl Children {
 
     /// Those that have ended, which are reaped: which, what it is called, how it ended and what it said last. As long as none
     /// has, this is a look at memory.
-    pub(super) fn take_dead(&mut self) -> Result<Vec<(usize, String, String)>> {
+    pub(crate) fn take_dead(&mut self) -> Result<Vec<(usize, String, String)>> {
         let mut dead = Vec::new();
         if !self.watcher.take_ended() {
             return Ok(dead);
@@ -147,12 +167,12 @@ impl Children {
     }
 
     /// Ends and reaps one, if it is not gone already.
-    pub(super) fn end(&mut self, index: usize) {
+    pub(crate) fn end(&mut self, index: usize) {
         self.processes[index] = None;
     }
 
     /// Sends one a signal, if it is not gone.
-    pub(super) fn signal(&self, index: usize, signal: Signal) {
+    pub(crate) fn signal(&self, index: usize, signal: Signal) {
         if let Some(process) = &self.processes[index] {
             // It fails for one that has ended, which is noticed by its pidfd.
             let _ = pidfd_send_signal(&process.pidfd, signal);

@@ -14,6 +14,7 @@ mod command;
 mod control;
 mod deadlines;
 mod draws;
+mod elsewhere;
 mod examination;
 mod hosted;
 mod in_process;
@@ -43,11 +44,15 @@ pub use chaos_spec::{ChaosSpec, Injection};
 pub use command::AgentCommand;
 pub use control::{Command, Control, Steered};
 pub use deadlines::Deadlines;
+#[cfg(feature = "hosts")]
+pub(crate) use elsewhere::Elsewhere;
 pub use examination::{Check, Examination};
 pub use hosted::Hosted;
 pub use in_process::InProcess;
 pub(crate) use launch::Children;
 pub use ledger::Ledger;
+#[cfg(feature = "hosts")]
+pub(crate) use needs::{allow_open_files, check_tasks, reserve_shared_memory};
 pub(crate) use needs::{check_shared_memory, tasks_needed};
 pub use observer::Observer;
 pub use processes::{Conduct, Processes};
@@ -55,15 +60,17 @@ pub use punctuality::Punctuality;
 pub use recorder::Recorder;
 pub(crate) use relays::Relays;
 use roster::Loss;
+pub(crate) use roster::members_of;
 pub use roster::{Faults, OnFailure};
 pub use session::Session;
 pub use stage::Stage;
 pub use statistics::{EpisodeStatistics, Statistics};
+#[cfg(feature = "hosts")]
+pub(crate) use stderr::say;
 #[cfg(feature = "view")]
 pub(crate) use stderr::{hold_words, release_words};
 
 use self::draws::ActionDraws;
-use self::roster::members_of;
 use crate::base::error::Result;
 use crate::bus::{Decision, DecisionTimes, Header, Layout, NOT_ARRIVED, Sensor, now_ns};
 use crate::environment::Spec;

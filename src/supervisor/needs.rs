@@ -16,18 +16,20 @@ use crate::nn::Policy;
 
 /// Puts weights into a file of the swarm's own, so that all agents map one copy of just these: those that are in
 /// this process only, and those of a file that may have been replaced since it was opened, as a run in training
-/// does. Those in the program itself are where they have to be, unless other programs are to read them too.
+/// does. Those in the program itself are where they have to be, unless other programs are to read them too, or other
+/// machines.
 pub(super) fn share_weights(
     settings: &AgentSettings,
     policy: &Policy,
     directory: &SwarmDirectory,
-    for_others: bool,
+    [for_others, for_elsewhere]: [bool; 2],
 ) -> Result<AgentSettings> {
     let mut settings = settings.clone();
     if settings.policy == PolicySource::Nobody {
         return Ok(settings);
     }
-    if for_others || settings.policy != PolicySource::Builtin || !policy.is_shared(settings.worlds) {
+    let is_inside = settings.policy == PolicySource::Builtin && policy.is_shared(settings.worlds);
+    if for_others || for_elsewhere || !is_inside {
         let path = directory.path().join("policy.safetensors");
         if for_others {
             policy.save(&path)?
@@ -42,7 +44,7 @@ pub(super) fn share_weights(
 }
 
 /// Has the shared memory promised that a swarm may come to use: what runs out later shows up as SIGBUS.
-pub(super) fn reserve_shared_memory(
+pub(crate) fn reserve_shared_memory(
     directory: &SwarmDirectory,
     address: &SwarmAddress,
     layout: &Layout,
@@ -78,7 +80,7 @@ fn too_small(address: &SwarmAddress, needed: u64, memory: &SharedMemory) -> Erro
 }
 
 /// Raises the soft limit on open files as far as the swarm needs; its agents inherit it.
-pub(super) fn allow_open_files(agents: usize) -> Result<()> {
+pub(crate) fn allow_open_files(agents: usize) -> Result<()> {
     let (needed, limit) = (open_files_needed(agents), getrlimit(Resource::Nofile));
     if limit.current.is_none_or(|current| current >= needed) {
         return Ok(());
@@ -90,7 +92,7 @@ pub(super) fn allow_open_files(agents: usize) -> Result<()> {
 }
 
 /// An error if this user may not have the processes and threads of a swarm.
-pub(super) fn check_tasks(agents: usize) -> Result<()> {
+pub(crate) fn check_tasks(agents: usize) -> Result<()> {
     let needed = tasks_needed(agents);
     match Tasks::of_this_user() {
         Some(tasks) if tasks.free() < needed => Err(failed!(

@@ -9,6 +9,7 @@ use super::chronicle::Chronicle;
 use super::clock::{Clock, Period};
 use super::command::AgentCommand;
 use super::deadlines::Deadlines;
+use super::elsewhere::{Elsewhere, Nowhere};
 use super::launch::Children;
 use super::needs::{allow_open_files, check_tasks, reserve_shared_memory, share_weights};
 use super::roster::{Roster, members_of};
@@ -32,7 +33,9 @@ use crate::{failed, usage};
 #[derive(Debug)]
 pub struct Processes {
     pub(super) spec: Spec,
+    /// Those that run here, each in its place.
     pub(super) agents: Children,
+    pub(super) elsewhere: Box<dyn Elsewhere>,
     pub(super) port: SupervisorPort,
     /// Which swarm it is, and which weights are in force.
     pub(super) identity: Header,
@@ -99,7 +102,16 @@ impl Processes {
         policy: &Policy,
         conduct: impl Into<Conduct>,
     ) -> Result<Processes> {
-        let mut conduct = conduct.into();
+        Processes::start_also(Box::new(Nowhere), settings, policy, conduct.into())
+    }
+
+    /// The same, with some agents elsewhere.
+    pub(crate) fn start_also(
+        elsewhere: Box<dyn Elsewhere>,
+        settings: &AgentSettings,
+        policy: &Policy,
+        mut conduct: Conduct,
+    ) -> Result<Processes> {
         let command = conduct.command.take().map_or_else(AgentCommand::this_program, Ok)?;
         let (spec, layout) = (settings.spec.clone(), settings.layout());
         let team = spec.n_agents();
@@ -110,7 +122,8 @@ impl Processes {
         }
         let others = std::mem::take(&mut conduct.others);
         check_others(&others, team)?;
-        let settings = share_weights(settings, policy, &directory, !others.is_empty())?;
+        let readers = [!others.is_empty(), elsewhere.agents() != 0];
+        let settings = share_weights(settings, policy, &directory, readers)?;
         let address = SwarmAddress {
             tag: directory.tag().to_owned(),
             agents: team,
@@ -125,6 +138,7 @@ impl Processes {
         let mut swarm = Processes {
             spec,
             agents: Children::new(command, waker(&address))?.with_others(others),
+            elsewhere,
             port: SupervisorPort::create(&address, &layout)?,
             identity: Header { protocol: PROTOCOL, swarm: address.id(), ..Header::default() },
             layout,
@@ -147,13 +161,16 @@ impl Processes {
             grants: None,
             directory,
         };
+        swarm.elsewhere.prepare(&swarm.process_settings(0))?;
         for agent in 0..team {
-            let process = swarm.process_settings(agent);
-            swarm.agents.start(&name_of(agent), "agent", &process, [Stdio::null(), Stdio::null()])?;
+            swarm.agents.leave_out();
+            swarm.start_agent(agent)?;
         }
         let ready = swarm.conduct.deadlines.ready;
         let silent = swarm.await_answers(Instant::now() + ready, |swarm| {
-            swarm.agents.check_alive()?;
+            if let Some((agent, how)) = swarm.take_dead()?.into_iter().next() {
+                return Err(Error::Lost { names: vec![name_of(agent)], how });
+            }
             swarm.take_ready()
         })?;
         if silent != 0 {
@@ -172,7 +189,36 @@ impl Processes {
         Ok(swarm)
     }
 
-    pub(super) fn process_settings(&self, agent: usize) -> ProcessSettings {
+    /// Starts an agent, for the first time or anew, where it is to run.
+    pub(super) fn start_agent(&mut self, agent: usize) -> Result<()> {
+        if self.elsewhere.agents() >> agent & 1 == 1 {
+            self.elsewhere.start(agent, self.roster.incarnation(agent));
+            return Ok(());
+        }
+        let settings = self.process_settings(agent);
+        let nothing = [Stdio::null(), Stdio::null()];
+        self.agents.start_anew(agent, &name_of(agent), "agent", &settings, nothing)
+    }
+
+    /// The agents whose processes have ended, and how.
+    pub(super) fn take_dead(&mut self) -> Result<Vec<(usize, String)>> {
+        let here = self.agents.take_dead()?.into_iter().map(|(agent, _, how)| (agent, how));
+        Ok(here.chain(self.elsewhere.take_dead()).collect())
+    }
+
+    /// Ends an agent, if it is not gone already.
+    pub(super) fn end(&mut self, agent: usize) {
+        self.agents.end(agent);
+        self.elsewhere.end(agent);
+    }
+
+    /// Sends an agent a signal, if it is not gone.
+    pub(super) fn signal(&mut self, agent: usize, signal: Signal) {
+        self.agents.signal(agent, signal);
+        self.elsewhere.signal(agent, signal);
+    }
+
+    fn process_settings(&self, agent: usize) -> ProcessSettings {
         ProcessSettings {
             address: self.address.clone(),
             agent,
@@ -289,7 +335,8 @@ impl Processes {
         Header { protocol, swarm, weights, kind: kind as u32, sender: agent as u32, ..rest }
     }
 
-    fn wake_agents(&self) -> Result<()> {
+    fn wake_agents(&mut self) -> Result<()> {
+        self.elsewhere.send()?;
         match self.conduct.wait {
             Wait::Block => self.port.wake_agents(),
             Wait::Spin => Ok(()),
@@ -321,6 +368,7 @@ impl Processes {
         let sleep = |swarm: &Processes, longest| swarm.port.sleep(longest);
         wait_until(self, wait, deadline, sleep, |swarm| {
             signals::check_stop()?;
+            swarm.elsewhere.bring()?;
             ready(swarm)
         })
     }
@@ -380,13 +428,15 @@ impl Team for Processes {
 impl Drop for Processes {
     fn drop(&mut self) {
         for agent in 0..self.agents.len() {
-            self.agents.signal(agent, Signal::CONT);
+            self.signal(agent, Signal::CONT);
             let header = self.header(Kind::Shutdown, agent, Header::default());
             // An agent that cannot be told is ended.
             let _ = self.port.send_sensor(agent, header, |_| {});
         }
-        let _ = self.port.wake_agents();
+        // Whatever the conduct says of waking.
+        let _ = (self.elsewhere.send(), self.port.wake_agents());
         self.agents.reap(self.conduct.deadlines.leave);
+        self.elsewhere.reap(self.conduct.deadlines.leave);
     }
 }
 

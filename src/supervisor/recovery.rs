@@ -1,6 +1,5 @@
 //! What a swarm does when agents die or hang: they are lost, their peers are told, and they are started anew.
 
-use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
@@ -14,7 +13,7 @@ use crate::base::error::{Error, Result};
 impl Processes {
     /// Loses the agents whose processes have ended.
     pub(super) fn lose_dead(&mut self) -> Result<()> {
-        for (agent, _, how) in self.agents.take_dead()? {
+        for (agent, how) in self.take_dead()? {
             self.lose(agent, Loss::Died(how))?;
         }
         Ok(())
@@ -36,7 +35,7 @@ impl Processes {
 
     /// Loses an agent: ends its process, if there is one still, and notes what happened.
     pub(super) fn lose(&mut self, agent: usize, loss: Loss) -> Result<()> {
-        self.agents.end(agent);
+        self.end(agent);
         self.speakers.forget(agent);
         let given_up = self.roster.lose(agent, self.tick, &loss);
         if self.roster.aborts() || given_up {
@@ -49,9 +48,7 @@ impl Processes {
     fn start_anew(&mut self, agent: usize) -> Result<()> {
         self.roster.start(agent);
         self.speakers.forget(agent);
-        let settings = self.process_settings(agent);
-        let nothing = [Stdio::null(), Stdio::null()];
-        self.agents.start_anew(agent, &name_of(agent), "agent", &settings, nothing)
+        self.start_agent(agent)
     }
 
     /// Waits until all agents that are being started are ready, but for those that are lost again.
@@ -113,16 +110,16 @@ impl Processes {
         let presence = match (event, self.roster.presence(agent)) {
             (_, Presence::Lost) => Presence::Lost,
             (Event::Kill, _) => {
-                self.agents.end(agent);
+                self.end(agent);
                 // Against the clock an absence takes as long as it takes.
                 self.clock.as_ref().map_or(Presence::Away, |_| Presence::Due(Instant::now()))
             }
             (Event::Stop, Presence::There) => {
-                self.agents.signal(agent, Signal::STOP);
+                self.signal(agent, Signal::STOP);
                 Presence::Stopped
             }
             (Event::Return, Presence::Stopped) => {
-                self.agents.signal(agent, Signal::CONT);
+                self.signal(agent, Signal::CONT);
                 Presence::There
             }
             (Event::Return, Presence::Away) => Presence::Due(Instant::now()),

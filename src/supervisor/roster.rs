@@ -242,7 +242,7 @@ impl fmt::Display for Loss {
 }
 
 /// The agents whose bits are set.
-pub(super) fn members_of(bits: u64) -> impl Iterator<Item = usize> {
+pub(crate) fn members_of(bits: u64) -> impl Iterator<Item = usize> {
     (0..u64::BITS as usize).filter(move |agent| bits >> agent & 1 == 1)
 }
 

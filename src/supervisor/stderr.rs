@@ -24,14 +24,14 @@ impl OwnStderr {
         OwnStderr { pipe, pidfd, left: None }
     }
 
-    /// Copies it to ours, line by line, with a name in front. Returns the last line.
-    pub(super) fn pass_on(self, name: &str) -> Option<String> {
+    /// Gives it to `say`, line by line. Returns the last line.
+    pub(super) fn pass_on(self, say: impl Fn(&str)) -> Option<String> {
         /// A longer line is several.
         const LONGEST: u64 = 1 << 16;
         let (mut reader, mut bytes, mut last) = (BufReader::new(self), Vec::new(), None);
         while reader.by_ref().take(LONGEST).read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
             let line = String::from_utf8_lossy(bytes.strip_suffix(b"\n").unwrap_or(&bytes)).into_owned();
-            say(format!("[{name}] {line}"));
+            say(&line);
             last = Some(line);
             bytes.clear();
         }
@@ -65,7 +65,7 @@ impl Read for OwnStderr {
 static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
 
 /// Writes a line to stderr, now or later.
-fn say(line: String) {
+pub(crate) fn say(line: String) {
     /// Whoever says more than this says the same again.
     const MOST: usize = 200;
     match &mut *HELD.lock().unwrap_or_else(PoisonError::into_inner) {

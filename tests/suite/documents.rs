@@ -42,7 +42,9 @@ pub fn run_in(line: &str, folder: &Path) -> String {
 fn all_are_understood() {
     let docs = std::fs::read_dir(root().join("docs")).unwrap().map(|entry| entry.unwrap().path());
     let pages: Vec<PathBuf> = docs.filter(|path| path.extension().is_some_and(|it| it == "md")).collect();
-    let lines: Vec<String> = pages.iter().flat_map(|page| commands(page)).collect();
+    // What only some builds have, only some understand.
+    let pages = pages.iter().filter(|page| cfg!(feature = "hosts") || !page.ends_with("hosts.md"));
+    let lines: Vec<String> = pages.flat_map(|page| commands(page)).collect();
     assert!(lines.len() > 20, "{lines:?}");
     for line in lines {
         // Options before this one are read first.

@@ -38,6 +38,12 @@ impl Spawn {
                 "--chaos needs --worlds 1: an agent is one process for all worlds, and a kill would hit them all"
             ));
         }
+        #[cfg(feature = "hosts")]
+        if self.hosts.is_some() && self.wait == Wait::Spin {
+            return Err(usage!(
+                "--hosts needs --wait block: what comes from other machines wakes nobody who polls"
+            ));
+        }
         if self.deadline.is_some() && self.in_process && self.environment.is_none() {
             return Err(usage!(
                 "--deadline is for processes, and with --in-process there are none, unless --env starts one; leave out \

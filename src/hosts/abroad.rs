@@ -1,0 +1,354 @@
+//! The supervisor's side: hosts, and the agents that run there.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+
+use super::engine::{End, Engine, Heard, Line};
+use super::frame::{Frame, Shape};
+use super::orders::{Answer, Event, Identity, Invitation, Order, Question, say, understand};
+use super::plan::{Plan, PlannedHost};
+use crate::agent::PolicySource;
+use crate::agent::process::ProcessSettings;
+use crate::base::error::{Error, Result};
+use crate::base::hash::fnv1a;
+use crate::bus::{Bell, Header, Kind, Sample, StandIns};
+use crate::failed;
+use crate::supervisor::{Elsewhere, members_of, say as say_aloud};
+
+/// How long a host may take to say who it is.
+const LONGEST_ANSWER: Duration = Duration::from_secs(3);
+
+/// How long a host may take to receive a policy, and to make room for the agents.
+const LONGEST_JOIN: Duration = Duration::from_secs(30);
+
+/// How much longer a host may take to leave than its agents.
+const LONGEST_FAREWELL: Duration = Duration::from_secs(3);
+
+/// The hosts of a swarm. On the bus it stands in for the agents that run there.
+pub(crate) struct Hosts {
+    hosts: Vec<Host>,
+    /// The swarm, once there is one.
+    swarm: Option<Presence>,
+    /// Agents that have ended: which and how.
+    dead: Vec<(usize, String)>,
+}
+
+/// What stands in for the agents of all hosts.
+struct Presence {
+    shape: Shape,
+    /// The number in its messages.
+    swarm: u64,
+    stand_ins: StandIns,
+    /// How often each had been started before.
+    incarnations: Vec<u32>,
+}
+
+/// A host.
+struct Host {
+    /// Name and address, for errors.
+    name: String,
+    engine: Engine,
+    /// Its agents, bit by bit.
+    agents: u64,
+    /// Those that have been started and have not ended.
+    running: u64,
+    /// Open as long as the host is there.
+    line: Option<Line>,
+    /// What it is sent next.
+    frame: Frame,
+}
+
+impl Hosts {
+    /// Connects to all hosts of a plan, for a team of so many.
+    ///
+    /// # Errors
+    /// `Lost` if a host cannot be reached, refuses the key or does not answer; `Failed` if it is of another version.
+    pub(crate) fn connect(plan: &Plan, team: usize) -> Result<Hosts> {
+        let (key, places) = (plan.key()?, plan.place(team)?);
+        let mut hosts = Vec::new();
+        // A host without agents has nothing to do.
+        for (planned, agents) in plan.hosts.iter().zip(places).filter(|(_, agents)| *agents != 0) {
+            let PlannedHost { name, at, .. } = planned;
+            let name = format!("host {name} ({at})");
+            let engine = Engine::connect(at, key.as_ref()).map_err(|e| lost(&name, e))?;
+            let host = Host { name, engine, agents, running: 0, line: None, frame: Frame::default() };
+            host.greet()?;
+            hosts.push(host);
+        }
+        Ok(Hosts { hosts, swarm: None, dead: Vec::new() })
+    }
+
+    fn of(&mut self, agent: usize) -> Option<&mut Host> {
+        self.hosts.iter_mut().find(|host| host.agents >> agent & 1 == 1)
+    }
+}
+
+impl Host {
+    /// Asks who it is.
+    fn greet(&self) -> Result<()> {
+        let (own, other) = (Identity::own(), self.ask(Question::Who.with(&[]), LONGEST_ANSWER)?);
+        let Answer::I(other) = other else {
+            return Err(failed!("{} does not say who it is: {other:?}", self.name));
+        };
+        if (&other.program, other.protocol) != (&own.program, own.protocol) {
+            return Err(failed!(
+                "{} runs version {} of this program (protocol {}), and this is version {} (protocol {}); install the same \
+                 on both",
+                self.name,
+                other.program,
+                other.protocol,
+                own.program,
+                own.protocol
+            ));
+        }
+        if other.instructions != own.instructions {
+            say_aloud(format!(
+                "note: {} computes with {}, and this machine with {}: results may differ in their last bits",
+                self.name, other.instructions, own.instructions
+            ));
+        }
+        Ok(())
+    }
+
+    fn ask(&self, question: Vec<u8>, longest: Duration) -> Result<Answer> {
+        let answer = self.engine.ask(question, longest).map_err(|e| lost(&self.name, e))?;
+        understand(&answer).map_err(|e| failed!("{} is of another version: {e}", self.name))
+    }
+
+    /// Opens the line, and ships the policy.
+    fn join(&mut self, example: &ProcessSettings, policy: &[u8], bell: &Arc<Bell>) -> Result<()> {
+        let bell = bell.clone();
+        let line = self.engine.line(&example.address.tag, End::Supervisor, move || bell.ring())?;
+        let (example, hash) = (example.clone(), fnv1a(policy.iter().copied()));
+        let invitation = Invitation { example, agents: self.agents, policy: hash };
+        let question = Question::Join(Box::new(invitation)).with(policy);
+        match self.ask(question, LONGEST_JOIN)? {
+            Answer::Yes => self.line = Some(line),
+            Answer::No(why) => return Err(lost(&self.name, failed!("will not join: {why}"))),
+            other => return Err(failed!("{} answers {other:?} when asked to join", self.name)),
+        }
+        Ok(())
+    }
+
+    fn order(&self, order: Order) {
+        self.line.iter().for_each(|line| line.say(say(&order)));
+    }
+
+    /// It is gone, and its agents with it.
+    fn lose(&mut self, how: &str, dead: &mut Vec<(usize, String)>) {
+        self.order(Order::Leave);
+        self.line = None;
+        let running = std::mem::take(&mut self.running);
+        dead.extend(members_of(running).map(|agent| (agent, format!("is lost: {} {how}", self.name))));
+    }
+
+    /// Takes note of something that has happened there.
+    fn note(&mut self, event: Event, incarnations: &[u32], dead: &mut Vec<(usize, String)>) -> Result<()> {
+        match event {
+            Event::Ended { agent, incarnation, how } => {
+                let is_present = agent < incarnations.len() && self.running >> agent & 1 == 1;
+                if is_present && incarnations[agent] == incarnation {
+                    self.running &= !(1 << agent);
+                    dead.push((agent, format!("on {} {how}", self.name)));
+                }
+                Ok(())
+            }
+            Event::Said { agent, line } => {
+                say_aloud(format!("[agent-{agent}] {line}"));
+                Ok(())
+            }
+            Event::Failed(how) => Err(failed!("cannot go on: {how}")),
+            Event::Left => Err(failed!("has left")),
+        }
+    }
+}
+
+impl Presence {
+    /// Puts messages of a host on the bus.
+    fn bring(&self, bytes: &[u8], running: u64, agents: u64) -> Result<()> {
+        self.shape.each(bytes, |header, words| {
+            let agent = header.sender;
+            if agents >> agent & 1 == 0 {
+                return Err(failed!("sent a message of agent-{agent}, which is not there"));
+            }
+            // It may have been ended in the meantime.
+            if running >> agent & 1 == 0 {
+                return Ok(());
+            }
+            let header = Header { swarm: self.swarm, ..header };
+            let copy = |to: &mut [u32]| bytemuck::cast_slice_mut(to).copy_from_slice(words);
+            match header.kind {
+                kind if kind == Kind::Observation as u32 => self.stand_ins.publish_observation(header, copy),
+                kind if kind == Kind::Decision as u32 || kind == Kind::Ready as u32 => {
+                    self.stand_ins.publish_decision(header, copy)
+                }
+                kind => Err(failed!("sent a message of kind {kind}, which no agent sends")),
+            }
+        })
+    }
+}
+
+impl Elsewhere for Hosts {
+    fn agents(&self) -> u64 {
+        self.hosts.iter().fold(0, |all, host| all | host.agents)
+    }
+
+    fn prepare(&mut self, example: &ProcessSettings) -> Result<()> {
+        let ProcessSettings { address, settings, .. } = example;
+        let PolicySource::Copy(path) = &settings.policy else {
+            return Err(failed!("agents on other machines need a policy, and this team has none"));
+        };
+        let policy = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
+        let bell = Arc::new(Bell::of(address)?);
+        for host in &mut self.hosts {
+            host.join(example, &policy, &bell)?;
+        }
+        let layout = settings.layout();
+        self.swarm = Some(Presence {
+            shape: Shape { layout, worlds: settings.worlds },
+            swarm: address.id(),
+            stand_ins: StandIns::open(address, &layout, self.agents())?,
+            incarnations: vec![0; address.agents],
+        });
+        Ok(())
+    }
+
+    fn start(&mut self, agent: usize, incarnation: u32) {
+        self.swarm.iter_mut().for_each(|swarm| swarm.incarnations[agent] = incarnation);
+        let Some(host) = self.of(agent) else { return };
+        host.running |= 1 << agent;
+        if host.line.is_none() {
+            let how = format!("cannot be started: {} is gone", host.name);
+            host.running &= !(1 << agent);
+            self.dead.push((agent, how));
+            return;
+        }
+        host.order(Order::Start { agent, incarnation });
+    }
+
+    fn signal(&mut self, agent: usize, signal: Signal) {
+        if let Some(host) = self.of(agent).filter(|host| host.running >> agent & 1 == 1) {
+            host.order(Order::Signal { agent, signal: signal.as_raw() });
+        }
+    }
+
+    fn end(&mut self, agent: usize) {
+        if let Some(host) = self.of(agent).filter(|host| host.running >> agent & 1 == 1) {
+            host.running &= !(1 << agent);
+            host.order(Order::End { agent });
+        }
+    }
+
+    fn take_dead(&mut self) -> Vec<(usize, String)> {
+        std::mem::take(&mut self.dead)
+    }
+
+    fn bring(&mut self) -> Result<()> {
+        let Hosts { hosts, swarm: Some(swarm), dead } = self else { return Ok(()) };
+        for host in hosts {
+            while let Some(heard) = host.line.as_ref().and_then(Line::hear) {
+                let taken = match heard {
+                    Heard::Here => Ok(()),
+                    Heard::Frame(bytes) => swarm.bring(&bytes, host.running, host.agents),
+                    Heard::Words(words) => {
+                        understand(&words).and_then(|event| host.note(event, &swarm.incarnations, dead))
+                    }
+                    Heard::Gone => Err(failed!("cannot be reached any longer")),
+                };
+                match taken {
+                    // Shared memory is ours, not the host's.
+                    Err(e @ Error::Bus { .. }) => return Err(e),
+                    Err(e) => host.lose(&e.to_string(), dead),
+                    Ok(()) => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn send(&mut self) -> Result<()> {
+        let Hosts { hosts, swarm: Some(swarm), .. } = self else { return Ok(()) };
+        for host in hosts.iter_mut() {
+            for agent in members_of(host.agents) {
+                while let Some(sample) = swarm.stand_ins.receive_sensor(agent)? {
+                    host.frame.push(sample.header(), sample.words());
+                }
+            }
+        }
+        while let Some(sample) = swarm.stand_ins.receive_observation()? {
+            let sender = sample.header().sender;
+            let others = hosts.iter_mut().filter(|host| host.agents >> sender & 1 == 0);
+            others.for_each(|host| host.frame.push(sample.header(), sample.words()));
+        }
+        for host in hosts.iter_mut().filter(|host| !host.frame.is_empty()) {
+            let frame = host.frame.take();
+            if let Some(line) = &host.line {
+                line.send(frame);
+            }
+        }
+        Ok(())
+    }
+
+    fn reap(&mut self, longest: Duration) {
+        self.hosts.iter().for_each(|host| host.order(Order::Leave));
+        let deadline = Instant::now() + longest + LONGEST_FAREWELL;
+        for Host { name, line, running, .. } in &mut self.hosts {
+            *running = 0;
+            let Some(line) = line.take() else { continue };
+            loop {
+                let heard = line.hear_within(deadline.saturating_duration_since(Instant::now()));
+                match heard {
+                    Some(Heard::Words(words)) => match understand(&words) {
+                        Ok(Event::Said { agent, line }) => say_aloud(format!("[agent-{agent}] {line}")),
+                        Ok(Event::Left | Event::Failed(_)) | Err(_) => break,
+                        Ok(Event::Ended { .. }) => {}
+                    },
+                    Some(Heard::Frame(_) | Heard::Here) => {}
+                    Some(Heard::Gone) => break,
+                    None => {
+                        say_aloud(format!("note: {name} does not say that all its agents have left"));
+                        break;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// What is wrong with a host.
+fn lost(name: &str, e: Error) -> Error {
+    Error::Lost { names: vec![name.to_owned()], how: e.to_string() }
+}
+
+impl fmt::Debug for Hosts {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_list().entries(self.hosts.iter().map(|host| &host.name)).finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+
+    use super::*;
+
+    #[test]
+    fn a_host_of_another_version_is_refused_by_name() {
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let at = format!("tcp/127.0.0.1:{port}");
+        let engine = Engine::listen(&at, None).unwrap();
+        let other = Identity { program: "9.9.9".to_owned(), ..Identity::own() };
+        let answer = move |question: super::super::engine::Question| {
+            question.answer(say(&Answer::I(other.clone())));
+        };
+        let _answering = engine.answer(answer).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("hosts.toml");
+        std::fs::write(&path, format!("[[host]]\nname = \"left\"\nat = \"{at}\"\n")).unwrap();
+        let error = Hosts::connect(&Plan::read(&path).unwrap(), 2).unwrap_err().to_string();
+        assert!(error.contains("host left") && error.contains("9.9.9"), "{error}");
+    }
+}

@@ -1,0 +1,238 @@
+//! The engine between machines, Zenoh: the only file that names it.
+//!
+//! A host listens; a supervisor has a session with each of its hosts, in which nobody else takes part. A session first
+//! carries questions and their answers. Then a [`Line`] is opened in it, over which either side sends what it likes: all of it arrives,
+//! in order. Each side is told when the other is gone.
+
+use std::net::{TcpListener, TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+use crossbeam::channel::{Receiver, Sender, unbounded};
+use zenoh::bytes::Encoding;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::SampleKind;
+use zenoh::{Config, Session, Wait};
+
+use super::key::Key;
+use crate::base::error::Result;
+use crate::failed;
+
+/// Where a host is asked.
+const QUESTIONS: &str = "vamaro-swarm/questions";
+
+/// How long a host may take to be connected to.
+const LONGEST_CONNECT: Duration = Duration::from_secs(3);
+
+/// Who has not been heard of for so long is gone, ms. Either side is heard of four times as often.
+const LEASE: u64 = 2000;
+
+/// One end of the engine.
+pub(super) struct Engine {
+    session: Session,
+}
+
+/// A question, which is to be answered.
+pub(super) struct Question(Query);
+
+/// Answers questions for as long as it is held.
+pub(super) struct Answering {
+    _queryable: Queryable<()>,
+}
+
+/// Which end of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    Supervisor,
+    Host,
+}
+
+/// What comes over a line.
+#[derive(Debug)]
+pub(super) enum Heard {
+    /// Messages.
+    Frame(Vec<u8>),
+    /// Orders or events.
+    Words(Vec<u8>),
+    /// The other side is there.
+    Here,
+    /// It is gone.
+    Gone,
+}
+
+/// One end of the line between a supervisor and a host.
+pub(super) struct Line {
+    speaks: Publisher<'static>,
+    heard: Receiver<Heard>,
+    _hears: Subscriber<()>,
+    _watches: Subscriber<()>,
+    /// The other side watches this.
+    _lives: LivelinessToken,
+}
+
+impl Engine {
+    /// Listens at an address, for all that have the key.
+    pub(super) fn listen(at: &str, key: Option<&Key>) -> Result<Engine> {
+        let key = key.map(|key| ("transport/auth/usrpwd/dictionary_file", key.path.to_string_lossy().into()));
+        let own = [("mode", "peer".into()), ("listen/endpoints", [at].as_slice().into())];
+        // The engine is short of words, too, for why it cannot.
+        let bound = TcpListener::bind(at.trim_start_matches("tcp/"));
+        drop(bound.map_err(|e| failed!("cannot listen at {at}: {e}; is another host running here?"))?);
+        let session = open(own.into_iter().chain(key));
+        Ok(Engine { session: session.map_err(|e| failed!("cannot listen at {at}: {}", words(&e)))? })
+    }
+
+    /// Connects to a host that listens at an address.
+    pub(super) fn connect(at: &str, key: Option<&Key>) -> Result<Engine> {
+        let key = key.map(|key| {
+            let user = serde_json::json!({"user": key.name, "password": key.secret});
+            ("transport/auth/usrpwd", user)
+        });
+        let own = [
+            ("mode", "client".into()),
+            ("connect/endpoints", [at].as_slice().into()),
+            ("connect/timeout_ms", (LONGEST_CONNECT.as_millis() as u64).into()),
+            ("connect/exit_on_failure", true.into()),
+        ];
+        knock(at).map_err(|e| failed!("cannot be reached: {e}; is `vamaro-swarm host` running there?"))?;
+        let session = open(own.into_iter().chain(key));
+        Ok(Engine {
+            session: session
+                .map_err(|e| failed!("does not let us in: is its key the same? ({})", words(&e)))?,
+        })
+    }
+
+    /// Asks the host something.
+    pub(super) fn ask(&self, question: Vec<u8>, longest: Duration) -> Result<Vec<u8>> {
+        let asked = self.session.get(QUESTIONS).payload(question).timeout(longest).wait();
+        let answers = asked.map_err(|e| failed!("cannot be asked: {e}"))?;
+        let reply = answers.recv().map_err(|_| failed!("does not answer within {longest:?}"))?;
+        let answer = reply.result().map_err(|_| failed!("does not answer within {longest:?}"))?;
+        Ok(answer.payload().to_bytes().into_owned())
+    }
+
+    /// Has questions answered, by a thread of the engine.
+    pub(super) fn answer(&self, answer: impl Fn(Question) + Send + Sync + 'static) -> Result<Answering> {
+        let queryable =
+            self.session.declare_queryable(QUESTIONS).callback(move |query| answer(Question(query)));
+        let queryable = queryable.wait().map_err(|e| failed!("cannot answer questions: {e}"))?;
+        Ok(Answering { _queryable: queryable })
+    }
+
+    /// Opens one end of the line for the swarm with this tag. A thread of the engine calls `tell` after something has come.
+    /// Whoever asks the other side to open its end has opened this one before: then nothing is lost.
+    pub(super) fn line(
+        &self,
+        tag: &str,
+        end: End,
+        tell: impl Fn() + Clone + Send + Sync + 'static,
+    ) -> Result<Line> {
+        let key = |end: End, what: &str| format!("vamaro-swarm/{tag}/{end:?}/{what}");
+        let other = match end {
+            End::Supervisor => End::Host,
+            End::Host => End::Supervisor,
+        };
+        let wrong = |e: zenoh::Error| failed!("cannot open the line: {e}");
+        let (sender, heard) = unbounded();
+        let pass = |sender: Sender<Heard>| {
+            let tell = tell.clone();
+            // Nobody hears it once the line is closed.
+            move |heard| drop(sender.send(heard).map(|()| tell()))
+        };
+        let (pass_on, pass_life) = (pass(sender.clone()), pass(sender));
+        let hears = self.session.declare_subscriber(key(end, "hears"));
+        let hears = hears.callback(move |sample| {
+            let bytes = sample.payload().to_bytes().into_owned();
+            let is_words = *sample.encoding() == Encoding::APPLICATION_JSON;
+            pass_on(if is_words { Heard::Words(bytes) } else { Heard::Frame(bytes) });
+        });
+        let watches = self.session.liveliness().declare_subscriber(key(other, "lives")).history(true);
+        let watches = watches.callback(move |sample| match sample.kind() {
+            SampleKind::Put => pass_life(Heard::Here),
+            SampleKind::Delete => pass_life(Heard::Gone),
+        });
+        Ok(Line {
+            _hears: hears.wait().map_err(wrong)?,
+            _watches: watches.wait().map_err(wrong)?,
+            _lives: self.session.liveliness().declare_token(key(end, "lives")).wait().map_err(wrong)?,
+            speaks: self
+                .session
+                .declare_publisher(key(other, "hears"))
+                .congestion_control(CongestionControl::Block)
+                .priority(Priority::RealTime)
+                .express(true)
+                .wait()
+                .map_err(wrong)?,
+            heard,
+        })
+    }
+}
+
+impl Question {
+    /// What is asked.
+    pub(super) fn bytes(&self) -> Vec<u8> {
+        self.0.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default()
+    }
+
+    /// Answers it, which ends it: only then does the answer count. Who asked may be gone, and misses nothing then.
+    pub(super) fn answer(self, bytes: Vec<u8>) {
+        let _ = self.0.reply(QUESTIONS, bytes).wait();
+    }
+}
+
+impl Line {
+    /// Sends messages to the other side. That it is gone, if it is, is heard.
+    pub(super) fn send(&self, frame: Vec<u8>) {
+        let _ = self.speaks.put(frame).wait();
+    }
+
+    /// Sends orders or events.
+    pub(super) fn say(&self, words: Vec<u8>) {
+        let _ = self.speaks.put(words).encoding(Encoding::APPLICATION_JSON).wait();
+    }
+
+    /// What has come, if there is something.
+    pub(super) fn hear(&self) -> Option<Heard> {
+        self.heard.try_recv().ok()
+    }
+
+    /// What comes within some time.
+    pub(super) fn hear_within(&self, longest: Duration) -> Option<Heard> {
+        self.heard.recv_timeout(longest).ok()
+    }
+}
+
+/// Sees whether somebody listens there, since the engine does not say why it cannot connect.
+fn knock(at: &str) -> std::io::Result<()> {
+    let mut last = std::io::Error::other("it has no address");
+    for address in at.trim_start_matches("tcp/").to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, LONGEST_CONNECT) {
+            Ok(_) => return Ok(()),
+            Err(e) => last = e,
+        }
+    }
+    Err(last)
+}
+
+/// What the engine says of an error, without the places in its source.
+fn words(e: &zenoh::Error) -> String {
+    e.to_string().split(" at /").next().unwrap_or_default().to_owned()
+}
+
+/// Opens a session: nothing is found by itself, nor read from files or the environment.
+fn open(own: impl Iterator<Item = (&'static str, serde_json::Value)>) -> zenoh::Result<Session> {
+    let common = [
+        ("scouting/multicast/enabled", false.into()),
+        ("scouting/gossip/enabled", false.into()),
+        ("transport/link/tx/lease", LEASE.into()),
+        // Who takes nothing for so long is gone as well, us.
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", (1000 * LEASE).into()),
+    ];
+    let mut config = Config::default();
+    for (name, value) in common.into_iter().chain(own) {
+        config.insert_json5(name, &value.to_string())?;
+    }
+    zenoh::open(config).wait()
+}

@@ -1,0 +1,30 @@
+//! More than one machine: a swarm whose agents run on several hosts.
+//!
+//! ```text
+//!   machine of `spawn`                                    host: `vamaro-swarm host`
+//!   supervisor --- bus --- agents that run here           steward --- bus --- agents that run there
+//!       |           |                                        |         |
+//!     Hosts ---- stands in on the bus for those there        +---- stands in for all others
+//!       |                                                    |
+//!       +------------------------- engine -------------------+
+//!          messages of all its agents in one frame, and orders
+//! ```
+//!
+//! Each machine has a bus of its own in shared memory, with a place for every agent of the team. Where an agent does not
+//! run, somebody stands in for it ([`StandIns`](crate::bus::StandIns)), so neither agents nor supervisor know who is where. What the supervisor
+//! sends to the agents of a host at a time travels in one frame, and so does what they answer. Observations between two
+//! hosts pass through the machine of the supervisor.
+//!
+//! Only `engine.rs` names Zenoh, which carries the bytes.
+
+mod abroad;
+mod engine;
+mod frame;
+mod key;
+mod orders;
+mod plan;
+mod steward;
+
+pub(crate) use abroad::Hosts;
+pub(crate) use plan::Plan;
+pub(crate) use steward::serve;

@@ -1,0 +1,187 @@
+//! Swarms over several hosts: on loopback, and in network namespaces where there is root.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod namespaces;
+
+use std::fs::Permissions;
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+use tempfile::TempDir;
+
+use common::{PROGRAM, await_sleeps, children, fail, is_running, stderr, succeed};
+
+/// A host on this machine, with a folder of its own for its swarms.
+pub struct Host {
+    name: String,
+    at: String,
+    process: Child,
+    places: TempDir,
+}
+
+impl Host {
+    /// Starts one on loopback, and waits until it listens.
+    fn start(name: &str, more: &[&str]) -> Host {
+        // Nobody else gets the port so soon.
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        Host::start_at(Command::new(PROGRAM), name, &format!("tcp/127.0.0.1:{port}"), more)
+    }
+
+    fn start_at(mut command: Command, name: &str, at: &str, more: &[&str]) -> Host {
+        let places = tempfile::Builder::new().prefix("vs-").tempdir_in("/tmp").unwrap();
+        command.args(["host", "--listen", at]).args(more).env("XDG_RUNTIME_DIR", places.path());
+        let mut process = command.stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(process.stderr.take().unwrap()).lines();
+        let first = lines.next().expect("a host says that it listens").unwrap();
+        assert!(first.contains("listening"), "{first}");
+        // Its words would fill the pipe.
+        std::thread::spawn(move || lines.for_each(drop));
+        Host { name: name.to_owned(), at: at.to_owned(), process, places }
+    }
+
+    fn pid(&self) -> Pid {
+        Pid::from_child(&self.process)
+    }
+
+    /// Waits until nothing of any swarm is here.
+    fn assert_empty(&self) {
+        let places = self.places.path().join("vamaro-swarm");
+        let deadline = Instant::now() + Duration::from_secs(10);
+        loop {
+            let swarms = std::fs::read_dir(&places).into_iter().flatten().count();
+            if swarms == 0 && children(self.process.id()).is_empty() {
+                return;
+            }
+            assert!(Instant::now() < deadline, "{} still has {swarms} swarms", self.name);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+impl Drop for Host {
+    fn drop(&mut self) {
+        let _ = kill_process(self.pid(), Signal::TERM);
+        let _ = self.process.wait();
+    }
+}
+
+/// A file for `--hosts`, in a folder.
+fn plan(folder: &Path, hosts: &[&Host], rest: &str) -> PathBuf {
+    let entry = |host: &&Host| format!("[[host]]\nname = \"{}\"\nat = \"{}\"\n", host.name, host.at);
+    let path = folder.join("hosts.toml");
+    std::fs::write(&path, hosts.iter().map(entry).collect::<String>() + rest).unwrap();
+    path
+}
+
+/// Plays the same on one machine and over these hosts, and compares all that was recorded.
+fn assert_same_bits(hosts: &[&Host], words: &str, rest: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let (here, there) = (folder.path().join("here.json"), folder.path().join("there.json"));
+    let plan = plan(folder.path(), hosts, rest);
+    let words = format!("spawn --episodes 3 --seed 5 --audit {words} --record");
+    succeed(&format!("{words} {}", here.display()));
+    succeed(&format!("{words} {} --hosts {}", there.display(), plan.display()));
+    let [here, there] = [here, there].map(|path| std::fs::read(path).unwrap());
+    assert!(here == there, "{words}: the traces differ");
+    hosts.iter().for_each(|host| host.assert_empty());
+}
+
+#[test]
+fn hosts_play_as_one_machine_does() {
+    let (left, right, third) =
+        (Host::start("left", &[]), Host::start("right", &[]), Host::start("third", &[]));
+    assert_same_bits(&[&left, &right], "--task hear-see --p 0.6 --imputer hold --worlds 2", "");
+    assert_same_bits(&[&left, &right], "--agents 4 --links gilbert(0.2,0.4)+delay(1,1)", "");
+    assert_same_bits(&[&left], "--agents 4 --p 0.5 --relay", "agents = [1]\n");
+    assert_same_bits(&[&left], "--agents 4 --p 0.5", "");
+    let many = "--task spread-xy --agents 12 --policy untrained --p 0.5";
+    assert_same_bits(&[&left, &right, &third], many, "");
+}
+
+#[test]
+fn a_host_that_dies_is_agents_that_die() {
+    let (left, right, folder) =
+        (Host::start("left", &[]), Host::start("right", &[]), tempfile::tempdir().unwrap());
+    let plan = plan(folder.path(), &[&left, &right], "");
+    let words = "--agents 4 --on-failure continue";
+    // The supervisor is killed: the hosts notice, and are there for the next.
+    let mut supervisor = play(&plan, &[&left, &right], words);
+    supervisor.kill().unwrap();
+    supervisor.wait().unwrap();
+    left.assert_empty();
+    right.assert_empty();
+    // A host is killed: the others play on without it.
+    let supervisor = play(&plan, &[&left, &right], words);
+    let agents = children(right.process.id());
+    kill_process(right.pid(), Signal::KILL).unwrap();
+    await_sleeps(children(left.process.id())[0], 50);
+    assert!(agents.iter().all(|agent| !is_running(*agent)));
+    let (code, said) = end(supervisor);
+    assert_eq!(code, Some(130), "{said}");
+    left.assert_empty();
+    // It is missed at the next start.
+    let words = format!("spawn --agents 4 --hosts {}", plan.display());
+    fail(&words, 1, &["host right", &right.at, "cannot be reached"]);
+    left.assert_empty();
+}
+
+#[test]
+fn only_who_has_the_key_gets_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let key = |name: &str, secret: char| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, format!("swarm:{}\n", String::from(secret).repeat(32))).unwrap();
+        std::fs::set_permissions(&path, Permissions::from_mode(0o600)).unwrap();
+        path
+    };
+    let (right, _wrong) = (key("right.key", 'a'), key("wrong.key", 'b'));
+    let host = Host::start("left", &["--key", right.to_str().unwrap()]);
+    let play = |key: &str| {
+        let plan = plan(folder.path(), &[&host], "");
+        std::fs::write(&plan, key.to_owned() + &std::fs::read_to_string(&plan).unwrap()).unwrap();
+        format!("spawn --task hear-see --episodes 2 --hosts {}", plan.display())
+    };
+    fail(&play(""), 1, &["host left", "does not let us in", "key"]);
+    fail(&play("key = \"wrong.key\"\n"), 1, &["host left", "does not let us in", "key"]);
+    assert!(succeed(&play("key = \"right.key\"\n")).contains("return"));
+}
+
+#[test]
+fn what_cannot_be_is_said_by_name() {
+    let (host, folder) = (Host::start("left", &[]), tempfile::tempdir().unwrap());
+    let plan = plan(folder.path(), &[&host], "");
+    fail("host --listen tcp/0.0.0.0:7447", 2, &["--key"]);
+    fail("host --listen 127.0.0.1", 2, &["tcp/192.168.1.11:7447"]);
+    fail(&format!("host --listen {}", host.at), 1, &["cannot listen", &host.at]);
+    fail(&format!("spawn --hosts {} --wait spin", plan.display()), 2, &["--wait block"]);
+    let busy = play(&plan, &[&host], "--agents 4");
+    fail(&format!("spawn --hosts {}", plan.display()), 1, &["host left", "another swarm"]);
+    assert_eq!(end(busy).0, Some(130));
+    host.assert_empty();
+}
+
+/// Plays for long; returns once each of these hosts does.
+fn play(plan: &Path, hosts: &[&Host], words: &str) -> Child {
+    let mut command = common::command(&format!("spawn --episodes 10000000 {words}"));
+    command.arg("--hosts").arg(plan).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut supervisor = command.spawn().unwrap();
+    // It says what it plays when all agents are ready.
+    let first = BufReader::new(supervisor.stdout.take().unwrap()).lines().next();
+    assert!(first.is_some_and(|line| line.unwrap().contains("agents")));
+    hosts.iter().for_each(|host| await_sleeps(children(host.process.id())[0], 20));
+    supervisor
+}
+
+/// Has a supervisor end; its exit code, and what it said.
+fn end(supervisor: Child) -> (Option<i32>, String) {
+    kill_process(Pid::from_child(&supervisor), Signal::TERM).unwrap();
+    let output = supervisor.wait_with_output().unwrap();
+    (output.status.code(), stderr(&output))
+}
