@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::{print, print_json, table, tell};
+use super::{policy_file, print, print_json, table, tell};
 use crate::base::error::Result;
 use crate::base::stats::mean;
 use crate::nn::{Input, Meta, OnnxSpec, PolicyFile, PredictorSpec, Said, Seen, Sigma};
@@ -22,8 +22,8 @@ Examples:
   vamaro-swarm inspect runs/hs-0/checkpoint.safetensors
   vamaro-swarm inspect trace.json --json")]
 pub struct Inspect {
-    /// A policy file or checkpoint (.safetensors), a description of ONNX files (.toml), a trace or recording,
-    /// or the folder of a training run
+    /// A policy file or checkpoint (.safetensors), a description of ONNX files (.toml), a trace or recording, the folder of
+    /// a training run, or, in a checkout, the name of a pretrained policy, such as hear-see/seed-1
     file: PathBuf,
 
     /// Print it as one JSON object
@@ -41,8 +41,7 @@ struct Content {
 impl Inspect {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let in_folder = self.file.join("policy.safetensors");
-        let file = if self.file.is_dir() { &in_folder } else { &self.file };
+        let file = &policy_file(&self.file);
         let Content { text, json } = match FileKind::of(file)? {
             FileKind::Policy => policy(file)?,
             FileKind::Tensors => match Checkpoint::open(file) {

@@ -265,13 +265,7 @@ pub(crate) fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
         "untrained" => return Ok(PolicySource::Untrained(seed)),
         _ => {}
     }
-    let path = Path::new(name);
-    let pretrained = Path::new("agents/pretrained").join(format!("{name}.safetensors"));
-    let file = match path {
-        _ if path.is_dir() => path.join("policy.safetensors"),
-        _ if !path.exists() && pretrained.exists() => pretrained,
-        _ => PathBuf::from(path),
-    };
+    let (path, file) = (Path::new(name), policy_file(Path::new(name)));
     if file.exists() {
         // Agents are told the path, whatever folder they run in.
         return file.canonicalize().map(PolicySource::File).map_err(|e| Error::io("open", &file, e));
@@ -285,6 +279,16 @@ pub(crate) fn policy_source(name: &str, seed: u64) -> Result<PolicySource> {
             file.display()
         )
     })
+}
+
+/// The file that is meant by `path`: that in the folder of a run, or, in a checkout, one of `agents/pretrained`.
+pub(crate) fn policy_file(path: &Path) -> PathBuf {
+    let pretrained = Path::new("agents/pretrained").join(format!("{}.safetensors", path.display()));
+    match path {
+        _ if path.is_dir() => path.join("policy.safetensors"),
+        _ if !path.exists() && pretrained.exists() => pretrained,
+        _ => path.to_owned(),
+    }
 }
 
 /// Reads a probability of delivery or loss.

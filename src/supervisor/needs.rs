@@ -70,8 +70,8 @@ fn too_small(address: &SwarmAddress, needed: u64, memory: &SharedMemory) -> Erro
     let SwarmAddress { agents, worlds, .. } = address;
     failed!(
         "shared memory is too small: {agents} agents and {worlds} parallel worlds need up to {:.1} MiB, /dev/shm \
-         has {:.1} MiB free of {:.1} MiB, of which {:.1} MiB are promised to other swarms; use fewer --worlds, see what \
-         `vamaro-swarm doctor` finds, or enlarge it (mount -o remount,size=.. /dev/shm)",
+         has {:.1} MiB free of {:.1} MiB, of which {:.1} MiB are promised to other swarms; use fewer worlds \
+         (--worlds, or update_every in training), see what `vamaro-swarm doctor` finds, or enlarge it (mount -o remount,size=.. /dev/shm)",
         mib(needed),
         mib(memory.free),
         mib(memory.total),

@@ -156,4 +156,6 @@ fn pretrained_policies_are_found_by_name_in_a_checkout() {
     let words = "spawn --policy builtin --task hear-see --episodes 2 --worlds 2 --p 0.4 --json --in-process";
     let builtin: Value = serde_json::from_str(&succeed(words)).unwrap();
     assert_eq!(first["return_mean"], builtin["return_mean"]);
+    let output = common::command("inspect hear-see/seed-1").current_dir(checkout).output().unwrap();
+    assert!(String::from_utf8_lossy(&output.stdout).contains("policy for hear-see"), "{}", stderr(&output));
 }
