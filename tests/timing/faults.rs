@@ -226,6 +226,13 @@ fn a_stopped_agent_holds_up_nobody_who_is_to_end() {
 fn against_the_clock_the_others_may_play_on_without_it() {
     let swarm =
         Swarm::start("--agents 3 --p 0.5 --rate 50 --episodes 6 --deadline 60s --on-failure continue --json");
+    // One that is killed before it is ready ends the swarm. Once it can be watched, all are.
+    let (sign, deadline) =
+        (common::root(&swarm.tag).join("view.json"), Instant::now() + Duration::from_secs(60));
+    while !sign.exists() {
+        assert!(Instant::now() < deadline, "the swarm does not start");
+        std::thread::sleep(Duration::from_millis(5));
+    }
     kill_process(swarm.agents[1], Signal::KILL).unwrap();
     let (code, stdout, stderr) = swarm.wait();
     assert_eq!(code, Some(0), "{stderr}");
