@@ -95,7 +95,7 @@ pub struct Spawn {
     other_agents: Vec<(usize, AgentCommand)>,
 
     /// Run agents on other machines: this file says on which, and which agents where. Each of them runs
-    /// `vamaro-swarm host`; docs/hosts.md says more
+    /// `vamaro-swarm host`; docs/hosts.md says more. --deadline is then 2s longer by default
     #[cfg(feature = "hosts")]
     #[arg(long, value_name = "FILE", conflicts_with_all = ["in_process", "rate", "other_agents"])]
     hosts: Option<PathBuf>,
