@@ -1,5 +1,6 @@
 //! Teaching a predictor for a policy that does not change.
 
+use std::ops::Range;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -87,6 +88,9 @@ pub struct PredictorFit {
     pub(super) rollout: Rollout,
     pub(super) batch: Batch,
     pub(super) updates: u64,
+    /// All weights that the agents have, and where the predictor's are among them.
+    weights: Vec<f32>,
+    own: Range<usize>,
 }
 
 /// Teaches `policy` a predictor, in this process: the policy with it, untouched otherwise. `progress` hears of every
@@ -162,7 +166,12 @@ impl PredictorFit {
             let agents = task.spec().n_agents();
             batch.ages = vec![NOT_ARRIVED; (batch.steps + 1) * batch.episodes * agents * agents];
         }
+        let with_it = policy.with_predictor(&spec, &predictor.parameters.all_values())?;
+        let mut weights = vec![0.0; with_it.n_values()];
+        with_it.copy_values(&mut weights);
         Ok(PredictorFit {
+            own: with_it.predictor_range(&spec.name).expect("it has this predictor"),
+            weights,
             rollout: rollout(task, settings, 0),
             batch,
             settings: settings.clone(),
@@ -220,10 +229,8 @@ impl PredictorFit {
             ));
         }
         if self.settings.feed == Feed::ClosedLoop {
-            let policy = self.policy()?;
-            let mut weights = vec![0.0; policy.n_values()];
-            policy.copy_values(&mut weights);
-            agents.renew(&weights)?;
+            self.weights[self.own.clone()].copy_from_slice(&self.predictor.parameters.all_values());
+            agents.renew(&self.weights)?;
         }
         Ok(losses)
     }
