@@ -21,15 +21,6 @@ use crate::bus::{Bell, Header, Kind, Sample, StandIns};
 use crate::failed;
 use crate::supervisor::{Elsewhere, members_of, say as say_aloud};
 
-/// How long a host may take to say who it is.
-const LONGEST_ANSWER: Duration = Duration::from_secs(3);
-
-/// How long a host may take to receive a policy, and to make room for the agents.
-const LONGEST_JOIN: Duration = Duration::from_secs(30);
-
-/// How much longer a host may take to leave than its agents.
-const LONGEST_FAREWELL: Duration = Duration::from_secs(3);
-
 /// The hosts of a swarm. On the bus it stands in for the agents that run there.
 pub(crate) struct Hosts {
     hosts: Vec<Host>,
@@ -76,7 +67,7 @@ impl Hosts {
         for (planned, agents) in plan.hosts.iter().zip(places).filter(|(_, agents)| *agents != 0) {
             let PlannedHost { name, at, .. } = planned;
             let name = format!("host {name} ({at})");
-            let engine = Engine::connect(at, key.as_ref()).map_err(|e| lost(&name, e))?;
+            let engine = Engine::connect(at, key.as_ref(), plan.patience).map_err(|e| lost(&name, e))?;
             let host = Host { name, engine, agents, running: 0, line: None, frame: Frame::default() };
             host.greet()?;
             hosts.push(host);
@@ -92,8 +83,9 @@ impl Hosts {
 impl Host {
     /// Asks who it is.
     fn greet(&self) -> Result<()> {
-        let own = Identity::own();
-        let other = match self.ask(&Question::Who, &[], LONGEST_ANSWER)? {
+        let patience = self.engine.patience;
+        let own = Identity::own(patience);
+        let other = match self.ask(&Question::Who, &[], patience.reply())? {
             Answer::I(other) => other,
             Answer::No(why) => return Err(failed!("{} does not say who it is: {why}", self.name)),
             Answer::Yes => return Err(failed!("{} does not say who it is", self.name)),
@@ -107,6 +99,14 @@ impl Host {
                 other.protocol,
                 own.program,
                 own.protocol
+            ));
+        }
+        if other.patience != patience {
+            return Err(failed!(
+                "{} waits for {:?}, and this machine for {:?}; start it with --patience {1:?}",
+                self.name,
+                other.patience.silence(),
+                patience.silence()
             ));
         }
         if other.instructions != own.instructions {
@@ -129,7 +129,7 @@ impl Host {
         let line = self.engine.line(&secret, End::Supervisor, move || bell.ring())?;
         let (example, hash) = (example.clone(), fnv1a(policy.iter().copied()));
         let invitation = Invitation { example, agents: self.agents, policy: hash, line: secret };
-        match self.ask(&Question::Join(Box::new(invitation)), policy, LONGEST_JOIN)? {
+        match self.ask(&Question::Join(Box::new(invitation)), policy, self.engine.patience.join())? {
             Answer::Yes => self.line = Some(line),
             Answer::No(why) => return Err(lost(&self.name, failed!("will not join: {why}"))),
             Answer::I(_) => return Err(failed!("{} does not say whether it will join", self.name)),
@@ -305,11 +305,12 @@ impl Elsewhere for Hosts {
 
     fn reap(&mut self, longest: Duration) {
         self.hosts.iter().for_each(|host| host.order(Order::Leave));
-        let deadline = Instant::now() + longest + LONGEST_FAREWELL;
+        let began = Instant::now();
         let incarnations = self.swarm.as_ref().map_or(Vec::new(), |swarm| swarm.incarnations.clone());
         for host in &mut self.hosts {
             host.running = 0;
             let Some(line) = host.line.take() else { continue };
+            let deadline = began + longest + host.engine.patience.reply();
             loop {
                 let heard = line.hear_within(deadline.saturating_duration_since(Instant::now()));
                 match heard {
@@ -351,12 +352,13 @@ impl fmt::Debug for Hosts {
 mod tests {
     use std::net::TcpListener;
 
+    use super::super::patience::Patience;
     use super::*;
 
     #[test]
     fn a_host_speaks_of_its_own_agents() {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None).unwrap();
+        let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None, Patience::default()).unwrap();
         let (name, frame) = ("left".to_owned(), Frame::default());
         let mut host = Host { name, engine, agents: 0b10, running: 0b10, line: None, frame };
         let mut dead = Vec::new();

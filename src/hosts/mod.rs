@@ -24,10 +24,11 @@ mod key;
 mod listen;
 mod orders;
 mod outgoing;
+mod patience;
 mod plan;
 mod steward;
 
 pub(crate) use abroad::Hosts;
-pub(crate) use engine::LEASE;
 pub(crate) use listen::serve;
+pub(crate) use patience::Patience;
 pub(crate) use plan::Plan;
