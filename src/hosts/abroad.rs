@@ -103,7 +103,7 @@ impl Host {
         }
         if other.patience != patience {
             return Err(failed!(
-                "{} waits for {:?}, and this machine for {:?}; start it with --patience {1:?}",
+                "{} waits for {:?}, and this machine for {:?}; start it with --patience {2:?}",
                 self.name,
                 other.patience.silence(),
                 patience.silence()
@@ -372,19 +372,25 @@ mod tests {
     }
 
     #[test]
-    fn a_host_of_another_version_is_refused_by_name() {
+    fn a_host_of_another_version_or_patience_is_refused_by_name() {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let at = format!("tcp/127.0.0.1:{port}");
-        let engine = Engine::listen(&at, None).unwrap();
-        let other = Identity { program: "9.9.9".to_owned(), ..Identity::own() };
+        let own = Identity::own(Patience::default());
+        let engine = Engine::listen(&at, None, own.patience).unwrap();
+        let patience = Patience::parse("10s").unwrap();
+        let others = [Identity { program: "9.9.9".to_owned(), ..own.clone() }, Identity { patience, ..own }];
+        let (tell, told) = crossbeam::channel::unbounded();
+        others.into_iter().for_each(|other| tell.send(other).unwrap());
         let answer = move |question: super::super::engine::Question| {
-            question.answer(say(&Answer::I(other.clone())));
+            question.answer(say(&Answer::I(told.recv().unwrap())));
         };
         let _answering = engine.answer(answer).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("hosts.toml");
         std::fs::write(&path, format!("[[host]]\nname = \"left\"\nat = \"{at}\"\n")).unwrap();
-        let error = Hosts::connect(&Plan::read(&path).unwrap(), 2).unwrap_err().to_string();
-        assert!(error.contains("host left") && error.contains("9.9.9"), "{error}");
+        for what in ["9.9.9", "--patience 2s"] {
+            let error = Hosts::connect(&Plan::read(&path).unwrap(), 2).unwrap_err().to_string();
+            assert!(error.contains("host left") && error.contains(what), "{error}");
+        }
     }
 }

@@ -138,7 +138,14 @@ impl Engine {
     pub(super) fn ask(&self, question: Vec<u8>, policy: &[u8], longest: Duration) -> Result<Vec<u8>> {
         let asked = self.session.get(QUESTIONS).payload(question).attachment(policy).timeout(longest);
         let answers = asked.wait().map_err(|e| failed!("cannot be asked: {e}"))?;
-        let (silent, deadline) = (|| failed!("does not answer within {longest:?}"), Instant::now() + longest);
+        let deadline = Instant::now() + longest;
+        let silent = || {
+            if Instant::now() < deadline {
+                failed!("cannot be reached any longer")
+            } else {
+                failed!("does not answer within {longest:?}")
+            }
+        };
         while Instant::now() < deadline + SLICE {
             signals::check_stop()?;
             if let Some(reply) = answers.recv_timeout(SLICE).map_err(|_| silent())? {

@@ -4,6 +4,7 @@
 mod common;
 
 mod bad_network;
+mod campaign;
 mod namespaces;
 mod relay;
 mod strangers;
