@@ -28,10 +28,11 @@ mod listen;
 mod offset;
 mod orders;
 mod outgoing;
+mod patience;
 mod plan;
 mod steward;
 
 pub(crate) use abroad::Hosts;
-pub(crate) use engine::LEASE;
 pub(crate) use listen::serve;
+pub(crate) use patience::Patience;
 pub(crate) use plan::Plan;
