@@ -7,6 +7,7 @@ use super::{JointLayout, Setup, Step};
 use crate::agent::{Inbox, Received};
 use crate::base::error::{Error, Result};
 use crate::dynamics::{Bodies, Dynamics, Effect, Law};
+use crate::environment::Axis;
 use crate::usage;
 
 /// What an agent believes of those whom the dynamics move, and of landmarks, which stay where they are. It may have several
@@ -32,6 +33,8 @@ pub(super) struct Motion {
     past: Past,
     /// By which law, unless it stays the one of the dynamics, and what is to be put right if another is found.
     learning: Option<(Learner, Slopes)>,
+    /// The velocities that the agent observes itself: of whom, which dim, and along which axis.
+    seen: Vec<(usize, usize, Axis)>,
     /// The last step that was made in this episode, after which something is expected.
     last: Option<u32>,
 }
@@ -57,6 +60,10 @@ impl Motion {
         let dims = dims.chain(bodies.constants().iter().map(|dim| (*dim, None)));
         let is_observed_by_itself = |dim: usize| dim / layout.unique == setup.agent;
         let rows = setup.worlds * n_beliefs;
+        let everybody = 0..setup.spec.n_agents();
+        let seen =
+            everybody.flat_map(|agent| bodies.velocities(agent).map(move |(dim, axis)| (agent, dim, axis)));
+        let seen = seen.filter(|(_, dim, _)| is_observed_by_itself(*dim)).collect();
         Ok(Motion {
             dims: dims.filter(|(dim, _)| !is_observed_by_itself(*dim)).collect(),
             dynamics,
@@ -70,11 +77,12 @@ impl Motion {
             expected: vec![0.0; rows * layout.predicted()],
             past: Past::new(layout, setup.worlds, setup.longest_delay),
             learning: None,
+            seen,
             last: None,
         })
     }
 
-    /// By dynamics that are known in this way. Fitted ones give way to what the agent sees of its own motion.
+    /// By dynamics that are known in this way. Fitted ones give way to what the agent sees of motion.
     ///
     /// # Errors
     /// `Usage` if they are not known, or nobody's velocity is observed.
@@ -86,10 +94,17 @@ impl Motion {
         })
     }
 
-    /// The same, with a law that follows what the agent sees of its own motion.
+    /// The same, with a law that follows what the agent sees of motion.
     fn learning(mut self) -> Motion {
         let rows = self.beliefs.len() / self.layout.joint();
-        let learner = Learner::new(self.dynamics.law(), rows / self.n_beliefs);
+        let pushes = self.seen.iter().map(|&(agent, _, axis)| {
+            let mut pushes: Vec<f64> =
+                self.dynamics.pushes[agent].iter().map(|push| push[axis as usize]).collect();
+            pushes.sort_by(f64::total_cmp);
+            pushes.dedup();
+            pushes
+        });
+        let learner = Learner::new(self.dynamics.law(), pushes.collect(), rows / self.n_beliefs);
         self.learning = Some((learner, Slopes::new(rows, self.layout.predicted())));
         self
     }
@@ -105,7 +120,7 @@ impl Motion {
     }
 
     /// Takes in what was acted on. What arrives late is held against it, and where somebody knew better than what was
-    /// [written](Motion::correct), that is believed. The agent's own velocity says by which law it moves.
+    /// [written](Motion::correct), that is believed. The velocities that the agent sees say by which law bodies move.
     pub(super) fn keep(&mut self, step: &Step) {
         let estimates = step.estimates;
         self.past.keep(estimates);
@@ -170,17 +185,18 @@ impl Motion {
         }
     }
 
-    /// Notes what the agent's own velocity will follow from, where it sees it.
+    /// Notes what the velocities that the agent sees will follow from.
     fn foresee(&mut self, actions: &[u32]) {
-        let Motion { dynamics, bodies, layout, agent, n_beliefs, beliefs, learning, .. } = self;
+        let Motion { dynamics, bodies, layout, agent, n_beliefs, beliefs, learning, seen, .. } = self;
         let Some((learner, _)) = learning else { return };
         let firsts = beliefs.chunks_exact(layout.joint()).step_by(*n_beliefs);
         for (world, (belief, action)) in firsts.zip(actions).enumerate() {
             let push = dynamics.push(*agent, *action as usize);
             let is_free = dynamics.contact_push(bodies, *agent, belief) == [0.0; 2];
-            for (dim, axis) in bodies.velocities(*agent).filter(|(dim, _)| dim / layout.unique == *agent) {
-                let row = [f64::from(belief[dim]), push[axis as usize]];
-                learner.expect(world, axis as usize, Some(row).filter(|_| is_free));
+            for (at, &(other, dim, axis)) in seen.iter().enumerate() {
+                let own = other == *agent;
+                let row = (f64::from(belief[dim]), Some(push[axis as usize]).filter(|_| own));
+                learner.expect(world, at, Some(row).filter(|_| is_free || !own));
             }
         }
     }
@@ -263,16 +279,15 @@ impl Motion {
         self.written[world * joint..][..joint].copy_from_slice(estimate);
     }
 
-    /// Learns from the agent's own velocity in a world, where it sees it. Should that follow another law than before, what
-    /// is believed is put right; what was estimated so far is no measure for late news any more.
+    /// Learns from the velocities that the agent sees in a world. Should they follow another law than before, what is believed
+    /// is put right; what was estimated so far is no measure for late news any more.
     fn learn(&mut self, world: usize) {
-        let Motion { bodies, layout, agent, dims, n_beliefs, beliefs, past, learning, .. } = self;
+        let Motion { layout, dims, n_beliefs, beliefs, past, learning, seen, .. } = self;
         let Some((learner, slopes)) = learning else { return };
         let before = learner.law(world);
         let rows = world * *n_beliefs..(world + 1) * *n_beliefs;
-        for (dim, axis) in bodies.velocities(*agent).filter(|(dim, _)| dim / layout.unique == *agent) {
-            learner.observe(world, axis as usize, beliefs[rows.start * layout.joint() + dim].into());
-        }
+        let velocity = |(_, dim, _): &(usize, usize, Axis)| beliefs[rows.start * layout.joint() + dim].into();
+        learner.observe(world, seen.iter().map(velocity));
         let law = learner.law(world);
         if law != before {
             past.forget(world);
