@@ -18,7 +18,7 @@ use vamaro_swarm::bus::{
 };
 use vamaro_swarm::environment::{Outcome, Task};
 use vamaro_swarm::link::{LinkSpec, Links};
-use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
+use vamaro_swarm::nn::{ActorKind, Dims, Input, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
     Audit, Conduct, Decisions, InProcess, Ledger, Order, Processes, Session, Stage, Team, Tick,
 };
