@@ -15,9 +15,10 @@
 //! sends to the agents of a host at a time travels in one frame, and so does what they answer. Observations between two
 //! hosts pass through the machine of the supervisor.
 //!
-//! Only `engine.rs` names Zenoh, which carries the bytes.
+//! Only `engine.rs` names Zenoh, which carries the bytes, and `plain.rs`, which it is compared with.
 
 mod abroad;
+mod echo;
 mod engine;
 mod frame;
 mod key;
@@ -25,10 +26,12 @@ mod listen;
 mod orders;
 mod outgoing;
 mod patience;
+mod plain;
 mod plan;
 mod steward;
 
 pub(crate) use abroad::Hosts;
+pub(crate) use echo::{Answering, Over, Partner};
 pub(crate) use listen::serve;
 pub(crate) use patience::Patience;
 pub(crate) use plan::Plan;
