@@ -34,6 +34,9 @@ pub struct ProcessSettings {
     pub wait: Wait,
     /// How long it waits for its peers in lockstep before it acts without those that are missing.
     pub peers: Duration,
+    /// Whether what it sends is carried to other machines: then somebody waits for that against the clock, too.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub carried: bool,
     /// What it asks the kernel for.
     pub scheduling: Scheduling,
     /// Process id of the supervisor.
@@ -110,7 +113,7 @@ pub fn run(process: &ProcessSettings) -> Result<()> {
 
 /// Ticks, on the thread that computes.
 fn play(process: &ProcessSettings, mut agent: Agent) -> Result<()> {
-    let ProcessSettings { address, incarnation, wait, peers, scheduling, settings, .. } = process;
+    let ProcessSettings { address, incarnation, wait, peers, carried, scheduling, settings, .. } = process;
     if address.real_time {
         wake_on_time();
     }
@@ -126,7 +129,7 @@ fn play(process: &ProcessSettings, mut agent: Agent) -> Result<()> {
         member.publish()?;
         match member.deadline_ns() {
             None if !in_lockstep(&mut member, *wait, *peers)? => return Ok(()),
-            Some(_) if !in_real_time(&mut member, *wait)? => return Ok(()),
+            Some(_) if !in_real_time(&mut member, *wait, *carried)? => return Ok(()),
             _ => member.predict(),
         }
     }
@@ -165,18 +168,21 @@ fn in_lockstep(member: &mut SharedMember, wait: Wait, peers: Duration) -> Result
 
 /// Decides at the deadline, with the observations that are in; the supervisor looks at its own time. False if the agent
 /// shall leave, which it may be told in a long period.
-fn in_real_time(member: &mut SharedMember, wait: Wait) -> Result<bool> {
+fn in_real_time(member: &mut SharedMember, wait: Wait, carried: bool) -> Result<bool> {
+    let carry = |member: &SharedMember| if carried { wake(member, wait) } else { Ok(()) };
+    carry(member)?;
     while let Some(deadline_ns) = member.deadline_ns()
         && !wait_for_moment(wait, deadline_ns)
     {
         match member.sense()? {
             Sensed::Nothing => {}
-            Sensed::Tick => member.publish()?,
+            Sensed::Tick => member.publish().and_then(|()| carry(member))?,
             Sensed::Shutdown => return Ok(false),
         }
     }
     member.collect()?;
     member.decide()?;
+    carry(member)?;
     Ok(true)
 }
 
@@ -196,6 +202,10 @@ fn next_tick(member: &mut SharedMember, wait: Wait) -> Result<bool> {
         })?;
     }
     Ok(sensed == Sensed::Tick)
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 fn wake(member: &SharedMember, wait: Wait) -> Result<()> {

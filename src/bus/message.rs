@@ -295,6 +295,15 @@ impl Layout {
         write_times(time_words, [times.received_ns, times.fused_ns]);
     }
 
+    /// Has a decision message give its times by another clock.
+    #[cfg(feature = "hosts")]
+    pub(crate) fn translate_times(words: &mut [u32], translate: impl Fn(u64) -> u64) {
+        let times = words.len() - TIMES;
+        for pair in words[times..].chunks_exact_mut(2) {
+            pair.copy_from_slice(&halves(translate(join([pair[0], pair[1]]))));
+        }
+    }
+
     /// Reads a decision message of [`Layout::decision_words`] words.
     pub fn decision<'a>(&self, words: &'a [u32], worlds: usize) -> Decision<'a> {
         let (actions, rest) = words.split_at(self.action * worlds);
@@ -375,6 +384,13 @@ mod tests {
         assert_eq!(decision.ages, ages);
         assert_eq!((decision.estimates, decision.logits), (&estimates[..], &logits[..]));
         assert_eq!(decision.times, times);
+        #[cfg(feature = "hosts")]
+        {
+            Layout::translate_times(&mut words, |ns| ns - 7);
+            let times = DecisionTimes { received_ns: u64::MAX - 8, fused_ns: (1 << 40) - 7 };
+            assert_eq!(LAYOUT.decision(&words, 2).times, times);
+            assert_eq!(LAYOUT.decision(&words, 2).logits, logits);
+        }
     }
 
     #[test]

@@ -2,21 +2,25 @@
 //!
 //! Ports belong to the thread that created them: iceoryx2's `ipc` service is neither `Send` nor `Sync`.
 
+use std::os::fd::BorrowedFd;
 use std::time::Duration;
 
 use iceoryx2::node::Node;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::prelude::ipc;
+use iceoryx2::prelude::{FileDescriptorBased, ipc};
 use iceoryx2::service::Service;
 use iceoryx2::service::header::payload_header::PayloadHeader;
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::Pid;
+use rustix::time::Timespec;
 
 use super::directory::keep_to_this_user;
 use super::services::{
     Event, Role, Services, WordPublisher, WordSubscriber, bus_error, subscriber, weights_publisher,
 };
-use super::{AgentPort, Header, Layout, Sample, SwarmAddress};
+use super::wait::LONGEST_SLEEP;
+use super::{AgentPort, Header, Layout, Sample, SwarmAddress, now_ns};
 use crate::base::error::Result;
 use crate::failed;
 
@@ -114,6 +118,18 @@ impl SupervisorPort {
     /// Sleeps until an agent wakes the supervisor, at most for `longest`.
     pub fn sleep(&self, longest: Duration) -> Result<()> {
         sleep(&self.woken, longest)
+    }
+
+    /// The same until a moment, in nanoseconds of the monotonic clock, and never for long. The kernel wakes whoever waits
+    /// for a message only at its own ticks, which are milliseconds apart, but here on time.
+    pub(crate) fn sleep_until(&self, moment_ns: u64) -> Result<()> {
+        let left = Duration::from_nanos(moment_ns.saturating_sub(now_ns())).min(LONGEST_SLEEP);
+        let left = Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
+        // SAFETY: the listener keeps its file open, and stays where it is for as long as this takes.
+        let woken = unsafe { BorrowedFd::borrow_raw(self.woken.file_descriptor().native_handle()) };
+        // The only error there can be is that a signal came.
+        let _ = poll(&mut [PollFd::new(&woken, PollFlags::IN)], Some(&left));
+        self.woken.try_wait(|_| {}).map(drop).or_else(interrupted)
     }
 }
 
@@ -225,9 +241,13 @@ pub(super) fn receive(subscriber: &WordSubscriber) -> Result<Option<SharedSample
 }
 
 pub(super) fn sleep<S: Service>(woken: &Listener<S>, longest: Duration) -> Result<()> {
-    match woken.timed_wait(|_| {}, longest) {
-        // A signal is a reason to look around, not an error.
-        Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-        Err(e) => Err(bus_error("wait")(e)),
+    woken.timed_wait(|_| {}, longest).map(drop).or_else(interrupted)
+}
+
+/// A signal is a reason to look around, not an error.
+fn interrupted(e: ListenerWaitError) -> Result<()> {
+    match e {
+        ListenerWaitError::InterruptSignal => Ok(()),
+        e => Err(bus_error("wait")(e)),
     }
 }

@@ -125,6 +125,7 @@ mod tests {
             audit: None,
             punctuality: None,
             faults: Some(&faults),
+            hosts: &[],
             injected: None,
             steered: None,
         };

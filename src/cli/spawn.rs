@@ -97,7 +97,7 @@ pub struct Spawn {
     /// Run agents on other machines: this file says on which, and which agents where. Each of them runs
     /// `vamaro-swarm host`; docs/hosts.md says more. The default of --deadline then allows for a silent host, too
     #[cfg(feature = "hosts")]
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["in_process", "rate", "other_agents"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["in_process", "other_agents"])]
     hosts: Option<PathBuf>,
 
     /// Take the most probable action instead of sampling
@@ -261,7 +261,7 @@ impl Spawn {
             chaos: self.chaos,
             episodes: self.episodes,
         };
-        let (mut punctuality, mut faults) = (None, None);
+        let (mut punctuality, mut faults, mut hosts) = (None, None, Vec::new());
         let played = if self.in_process {
             self.play(&mut InProcess::new(&settings, &policy)?, scene.environment, &summary, onlookers)?
         } else {
@@ -281,6 +281,7 @@ impl Spawn {
             onlookers.open_window(team.directory(), &self.facts(&summary));
             let played = self.play(&mut team, scene.environment, &summary, onlookers)?;
             (punctuality, faults) = (team.punctuality().cloned(), Some(team.faults().clone()));
+            hosts = team.hosts();
             played
         };
         let outcome = Outcome {
@@ -288,6 +289,7 @@ impl Spawn {
             audit: played.audit.as_ref(),
             punctuality: punctuality.as_ref(),
             faults: faults.as_ref(),
+            hosts: &hosts,
             injected: played.injected,
             steered: played.steered.as_ref(),
         };

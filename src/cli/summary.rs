@@ -1,7 +1,10 @@
 //! The summary of `spawn`, for people and for programs.
 
+mod hosts;
+
 use serde_json::{Value, json};
 
+use self::hosts::{host_json, host_lines};
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::distribution::Distribution;
 use crate::base::scheduling::Grants;
@@ -10,7 +13,9 @@ use crate::bus::Wait;
 use crate::environment::PhysicsSpec;
 use crate::link::{CommunicationMatrix, LinkSpec, complement};
 use crate::nn::Meta;
-use crate::supervisor::{AgentCommand, Audit, ChaosSpec, Faults, Injected, Punctuality, Statistics, Steered};
+use crate::supervisor::{
+    AgentCommand, Audit, ChaosSpec, Faults, HostReport, Injected, Punctuality, Statistics, Steered,
+};
 
 /// What was asked for. With what came of it, it makes a summary.
 pub(super) struct Summary<'a> {
@@ -42,6 +47,8 @@ pub(super) struct Outcome<'a> {
     pub(super) punctuality: Option<&'a Punctuality>,
     /// `None` in-process.
     pub(super) faults: Option<&'a Faults>,
+    /// The other machines.
+    pub(super) hosts: &'a [HostReport],
     /// `None` without chaos.
     pub(super) injected: Option<Injected>,
     /// `None` where nobody could change anything.
@@ -85,7 +92,7 @@ impl Summary<'_> {
 
     /// The rest, for people.
     pub(super) fn text(&self, outcome: &Outcome) -> String {
-        let Outcome { statistics, audit, punctuality, faults, injected, steered } = *outcome;
+        let Outcome { statistics, audit, punctuality, faults, injected, steered, .. } = *outcome;
         let actions = if self.settings.greedy { "greedy" } else { "sampled" };
         let returned = match statistics.return_ci95() {
             Some(ci) => format!("{:.1} +- {ci:.1} (mean, 95 % interval)", statistics.return_mean()),
@@ -115,6 +122,7 @@ impl Summary<'_> {
             None => lines.push(("tick", self.tick_words(statistics))),
             Some(punctuality) => lines.extend(clock_lines(statistics, punctuality)),
         }
+        lines.extend(host_lines(outcome));
         lines.extend(self.chaos.zip(injected).map(|(chaos, Injected { kills, stops })| {
             let (kills, stops) = (counted(kills, "kill"), counted(stops, "stop"));
             ("chaos", format!("{chaos}: {kills}, {stops}"))
@@ -188,7 +196,7 @@ impl Summary<'_> {
 
     /// The same for programs, see `docs/formats.md`.
     pub(super) fn json(&self, outcome: &Outcome) -> Value {
-        let Outcome { statistics, audit, punctuality, faults, injected, steered } = *outcome;
+        let Outcome { statistics, audit, punctuality, faults, injected, steered, .. } = *outcome;
         let Summary { physics, settings, .. } = self;
         let p = self.links.p();
         let mut summary = json!({
@@ -236,6 +244,9 @@ impl Summary<'_> {
         if settings.relay {
             summary["relay"] = json!(true);
             summary["relayed_rate"] = json!(statistics.relayed_rate());
+        }
+        if !outcome.hosts.is_empty() {
+            summary["hosts"] = json!(host_json(outcome));
         }
         if !self.others.is_empty() {
             let command = |(agent, command): &(usize, AgentCommand)| {

@@ -10,6 +10,7 @@ use rustix::process::Signal;
 use super::engine::{End, Engine, Heard, Line};
 use super::frame::{Frame, Shape};
 use super::key::Key;
+use super::offset::{Estimate, Exchange, Jump, Offset};
 use super::orders::{
     Answer, Event, Identity, Invitation, LARGEST_POLICY, Order, Question, bit_among, say, secret, understand,
 };
@@ -20,9 +21,13 @@ use crate::agent::process::ProcessSettings;
 use crate::base::error::{Error, Result};
 use crate::base::hash::fnv1a;
 use crate::base::regular;
-use crate::bus::{Bell, Header, Kind, Sample, StandIns};
+use crate::bus::{Bell, Header, Kind, Layout, Sample, StandIns, now_ns};
 use crate::failed;
-use crate::supervisor::{Elsewhere, members_of, say as say_aloud};
+use crate::supervisor::{Elsewhere, HostReport, members_of, say as say_aloud};
+
+/// A host is asked for the time so many times before it plays, and then this often.
+const FIRST_QUESTIONS: usize = 8;
+const BETWEEN_QUESTIONS: Duration = Duration::from_millis(200);
 
 /// The hosts of a swarm. On the bus it stands in for the agents that run there.
 pub(crate) struct Hosts {
@@ -49,6 +54,7 @@ struct Presence {
 pub(super) struct Host {
     /// Name and address, for errors.
     pub(super) name: String,
+    pub(super) planned: PlannedHost,
     pub(super) engine: Engine,
     /// Its agents, bit by bit.
     agents: u64,
@@ -58,6 +64,11 @@ pub(super) struct Host {
     line: Option<Line>,
     /// What it is sent next.
     frame: Frame,
+    offset: Offset,
+    /// What is known of its clock now.
+    clock: Estimate,
+    /// When it is asked for the time next.
+    asks: Instant,
 }
 
 impl Hosts {
@@ -96,9 +107,24 @@ impl Host {
         let PlannedHost { name, at, .. } = planned;
         let name = format!("host {name} ({at})");
         let engine = Engine::connect(at, key, patience).map_err(|e| lost(&name, e))?;
-        let host = Host { name, engine, agents, running: 0, line: None, frame: Frame::default() };
+        let host = Host::new(name, planned.clone(), engine, agents);
         host.greet()?;
         Ok(host)
+    }
+
+    fn new(name: String, planned: PlannedHost, engine: Engine, agents: u64) -> Host {
+        Host {
+            name,
+            planned,
+            engine,
+            agents,
+            running: 0,
+            line: None,
+            frame: Frame::default(),
+            offset: Offset::default(),
+            clock: Estimate::default(),
+            asks: Instant::now(),
+        }
     }
 
     /// Asks who it is.
@@ -156,7 +182,60 @@ impl Host {
                 return Err(failed!("{} does not say whether it will join", self.name));
             }
         }
-        Ok(())
+        (0..FIRST_QUESTIONS).try_for_each(|_| self.await_time())
+    }
+
+    /// Asks for the time, and waits for the answer.
+    fn await_time(&mut self) -> Result<()> {
+        self.ask_time();
+        let deadline = Instant::now() + self.engine.patience.reply();
+        loop {
+            let line = self.line.as_ref().expect("it has joined");
+            let how = match line.hear_within(deadline.saturating_duration_since(Instant::now())) {
+                Some(Heard::Words(words, at_ns)) => match understand(&words)? {
+                    Event::Told { asked_ns, heard_ns, said_ns } => {
+                        self.note_time(Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
+                        return Ok(());
+                    }
+                    Event::Failed(how) => format!("cannot go on: {how}"),
+                    _ => continue,
+                },
+                Some(Heard::Here | Heard::Frame(_)) => continue,
+                Some(Heard::Gone) => "cannot be reached any longer".to_owned(),
+                None => format!("does not tell the time within {:?}", self.engine.patience.reply()),
+            };
+            return Err(lost(&self.name, failed!("{how}")));
+        }
+    }
+
+    fn ask_time(&mut self) {
+        self.asks = Instant::now() + BETWEEN_QUESTIONS;
+        self.order(Order::Tell { asked_ns: now_ns() });
+    }
+
+    /// Takes note of what its clock says. That it jumped is said once: the summary counts how often.
+    fn note_time(&mut self, exchange: Exchange) {
+        if let Some(Jump { by_ns, allowed_ns, number: 1 }) = self.offset.note(&exchange) {
+            say_aloud(format!(
+                "warning: the clock of {} moved by {:.3} ms against ours, of which errors and drift explain {:.3} ms; was \
+                 that machine suspended? Until now its times, and the deadlines it was given, may have been wrong by that",
+                self.name,
+                by_ns as f64 / 1e6,
+                allowed_ns as f64 / 1e6
+            ));
+        }
+        self.clock = self.offset.at(now_ns()).unwrap_or_default();
+    }
+
+    /// Adds a message to what it is sent next, with its times by the clock there.
+    fn push(&mut self, header: &Header, words: &[u32]) {
+        let deadline_ns = Some(header.deadline_ns).filter(|deadline_ns| *deadline_ns > 0);
+        let header = Header {
+            sent_ns: self.clock.theirs(header.sent_ns),
+            deadline_ns: deadline_ns.map_or(0, |deadline_ns| self.clock.theirs(deadline_ns)),
+            ..*header
+        };
+        self.frame.push(&header, words);
     }
 
     fn order(&self, order: Order) {
@@ -177,7 +256,12 @@ impl Host {
     }
 
     /// Takes note of something that has happened there.
-    fn note(&mut self, event: Event, incarnations: &[u32], dead: &mut Vec<(usize, String)>) -> Result<()> {
+    fn note(
+        &mut self,
+        (event, at_ns): (Event, u64),
+        incarnations: &[u32],
+        dead: &mut Vec<(usize, String)>,
+    ) -> Result<()> {
         match event {
             Event::Ended { agent, incarnation, how } => {
                 let bit = self.bit_of(agent)?;
@@ -193,6 +277,10 @@ impl Host {
                 say_aloud(format!("[agent-{agent}] {line}"));
                 Ok(())
             }
+            Event::Told { asked_ns, heard_ns, said_ns } => {
+                self.note_time(Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
+                Ok(())
+            }
             Event::Failed(how) => Err(failed!("cannot go on: {how}")),
             Event::Left => Err(failed!("has left")),
         }
@@ -200,8 +288,9 @@ impl Host {
 }
 
 impl Presence {
-    /// Puts messages of a host on the bus.
-    fn bring(&self, bytes: &[u8], running: u64, agents: u64) -> Result<()> {
+    /// Puts messages of a host on the bus, with their times by our clock.
+    fn bring(&self, bytes: &[u8], host: &Host) -> Result<()> {
+        let Host { running, agents, clock, .. } = *host;
         self.shape.each(bytes, |header, words| {
             let agent = header.sender;
             if agents >> agent & 1 == 0 {
@@ -211,13 +300,15 @@ impl Presence {
             if running >> agent & 1 == 0 {
                 return Ok(());
             }
-            let header = Header { swarm: self.swarm, ..header };
+            let header = Header { swarm: self.swarm, sent_ns: clock.ours(header.sent_ns), ..header };
             let copy = |to: &mut [u32]| bytemuck::cast_slice_mut(to).copy_from_slice(words);
             match header.kind {
                 kind if kind == Kind::Observation as u32 => self.stand_ins.publish_observation(header, copy),
-                kind if kind == Kind::Decision as u32 || kind == Kind::Ready as u32 => {
-                    self.stand_ins.publish_decision(header, copy)
-                }
+                kind if kind == Kind::Ready as u32 => self.stand_ins.publish_decision(header, copy),
+                kind if kind == Kind::Decision as u32 => self.stand_ins.publish_decision(header, |to| {
+                    copy(to);
+                    Layout::translate_times(to, |ns| clock.ours(ns));
+                }),
                 kind => Err(failed!("sent a message of kind {kind}, which no agent sends")),
             }
         })
@@ -287,11 +378,10 @@ impl Elsewhere for Hosts {
                     Heard::Here => Ok(()),
                     Heard::Frame(bytes) => {
                         frames.fetch_add(1, Ordering::Relaxed);
-                        swarm.bring(&bytes, host.running, host.agents)
+                        swarm.bring(&bytes, host)
                     }
-                    Heard::Words(words) => {
-                        understand(&words).and_then(|event| host.note(event, &swarm.incarnations, dead))
-                    }
+                    Heard::Words(words, at_ns) => understand(&words)
+                        .and_then(|event| host.note((event, at_ns), &swarm.incarnations, dead)),
                     Heard::Gone => Err(failed!("cannot be reached any longer")),
                 };
                 match taken {
@@ -310,14 +400,14 @@ impl Elsewhere for Hosts {
         for host in hosts.iter_mut() {
             for agent in members_of(host.agents) {
                 while let Some(sample) = swarm.stand_ins.receive_sensor(agent)? {
-                    host.frame.push(sample.header(), sample.words());
+                    host.push(sample.header(), sample.words());
                 }
             }
         }
         while let Some(sample) = swarm.stand_ins.receive_observation()? {
             let sender = sample.header().sender;
             let others = hosts.iter_mut().filter(|host| host.agents >> sender & 1 == 0);
-            others.for_each(|host| host.frame.push(sample.header(), sample.words()));
+            others.for_each(|host| host.push(sample.header(), sample.words()));
         }
         for host in hosts.iter_mut().filter(|host| !host.frame.is_empty()) {
             let frame = host.frame.take();
@@ -326,7 +416,24 @@ impl Elsewhere for Hosts {
                 frames.fetch_add(1, Ordering::Relaxed);
             }
         }
+        let now = Instant::now();
+        hosts.iter_mut().filter(|host| host.asks <= now).for_each(Host::ask_time);
         Ok(())
+    }
+
+    fn report(&self) -> Vec<HostReport> {
+        let of = |host: &Host| {
+            let clock = host.offset.at(now_ns()).unwrap_or_default();
+            HostReport {
+                name: host.planned.name.clone(),
+                at: host.planned.at.clone(),
+                agents: host.agents,
+                ahead_ns: clock.ahead_ns,
+                error_ns: clock.error_ns,
+                clock_jumps: host.offset.jumps(),
+            }
+        };
+        self.hosts.iter().map(of).collect()
     }
 
     fn reap(&mut self, longest: Duration) {
@@ -341,14 +448,14 @@ impl Elsewhere for Hosts {
                 let heard = line.hear_within(deadline.saturating_duration_since(Instant::now()));
                 match heard {
                     // It has left, has failed, or says what nobody says.
-                    Some(Heard::Words(words))
+                    Some(Heard::Words(words, at_ns))
                         if understand(&words)
-                            .and_then(|event| host.note(event, &incarnations, &mut Vec::new()))
+                            .and_then(|event| host.note((event, at_ns), &incarnations, &mut Vec::new()))
                             .is_err() =>
                     {
                         break;
                     }
-                    Some(Heard::Words(_) | Heard::Frame(_) | Heard::Here) => {}
+                    Some(Heard::Words(..) | Heard::Frame(_) | Heard::Here) => {}
                     Some(Heard::Gone) => break,
                     None => {
                         say_aloud(format!("note: {} does not say that all its agents have left", host.name));
@@ -384,12 +491,13 @@ mod tests {
     fn a_host_speaks_of_its_own_agents() {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None, Patience::default()).unwrap();
-        let (name, frame) = ("left".to_owned(), Frame::default());
-        let mut host = Host { name, engine, agents: 0b10, running: 0b10, line: None, frame };
+        let planned = PlannedHost { name: "left".to_owned(), at: "tcp/127.0.0.1:1".to_owned(), agents: None };
+        let mut host = Host::new("left".to_owned(), planned, engine, 0b10);
+        host.running = 0b10;
         let mut dead = Vec::new();
         let mut ended = |agent| {
             let how = "ended".to_owned();
-            host.note(Event::Ended { agent, incarnation: 0, how }, &[0, 0], &mut dead).is_ok()
+            host.note((Event::Ended { agent, incarnation: 0, how }, 0), &[0, 0], &mut dead).is_ok()
         };
         assert!(!ended(0) && !ended(64) && !ended(65) && !ended(usize::MAX));
         assert!(ended(1) && ended(1), "it may have been ended in the meantime");

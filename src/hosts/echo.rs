@@ -55,9 +55,6 @@ pub(super) struct Echo {
 
 /// A host that can be measured.
 pub(crate) struct Partner {
-    /// What the plan calls it.
-    pub(crate) name: String,
-    at: String,
     host: Host,
 }
 
@@ -105,10 +102,14 @@ impl Partner {
     pub(crate) fn connect(plan: &Plan, hosts: usize) -> Result<Vec<Partner>> {
         let key = plan.key()?;
         let connect = |planned: &super::plan::PlannedHost| {
-            let host = Host::connect(planned, key.as_ref(), plan.patience, 0)?;
-            Ok(Partner { name: planned.name.clone(), at: planned.at.clone(), host })
+            Ok(Partner { host: Host::connect(planned, key.as_ref(), plan.patience, 0)? })
         };
         plan.hosts.iter().take(hosts).map(connect).collect()
+    }
+
+    /// What the plan calls it.
+    pub(crate) fn name(&self) -> &str {
+        &self.host.planned.name
     }
 
     /// Sends a policy file; how long it takes until the host has said that it is there.
@@ -140,7 +141,7 @@ impl Partner {
 
     /// A socket for datagrams to a port of this host.
     fn socket(&self, port: u16) -> io::Result<UdpSocket> {
-        let address = address_of(&self.at)?;
+        let address = address_of(&self.host.planned.at)?;
         let socket = UdpSocket::bind((any_like(address), 0))?;
         socket.connect((address, port))?;
         Ok(socket)

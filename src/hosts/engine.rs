@@ -26,6 +26,7 @@ use super::key::Key;
 use super::orders::LARGEST_POLICY;
 use super::patience::Patience;
 use crate::base::error::Result;
+use crate::bus::now_ns;
 use crate::failed;
 use crate::supervisor::signals;
 
@@ -76,8 +77,8 @@ impl End {
 pub(super) enum Heard {
     /// Messages.
     Frame(Vec<u8>),
-    /// Orders or events.
-    Words(Vec<u8>),
+    /// Orders or events, and when they came: nanoseconds of the monotonic clock.
+    Words(Vec<u8>, u64),
     /// The other side is there.
     Here,
     /// It is gone.
@@ -198,7 +199,7 @@ impl Engine {
         let hears = hears.callback(move |sample| {
             let bytes = sample.payload().to_bytes().into_owned();
             let is_words = *sample.encoding() == Encoding::APPLICATION_JSON;
-            pass_on(if is_words { Heard::Words(bytes) } else { Heard::Frame(bytes) });
+            pass_on(if is_words { Heard::Words(bytes, now_ns()) } else { Heard::Frame(bytes) });
         });
         let watches = self.session.liveliness().declare_subscriber(key(other, "lives")).history(true);
         let watches = watches.callback(move |sample| match sample.kind() {

@@ -15,6 +15,9 @@
 //! sends to the agents of a host at a time travels in one frame, and so does what they answer. Observations between two
 //! hosts pass through the machine of the supervisor.
 //!
+//! Times in messages are of the clock of the machine that they are on: the supervisor translates, in both directions, by
+//! what `offset.rs` knows of each host's clock.
+//!
 //! Only `engine.rs` names Zenoh, which carries the bytes, and `plain.rs`, which it is compared with.
 
 mod abroad;
@@ -23,6 +26,7 @@ mod engine;
 mod frame;
 mod key;
 mod listen;
+mod offset;
 mod orders;
 mod outgoing;
 mod patience;

@@ -103,6 +103,8 @@ pub(super) enum Order {
     Signal { agent: usize, signal: i32 },
     /// End it.
     End { agent: usize },
+    /// Tell the time. This is when the supervisor asks, by its own clock: the answer has it, too.
+    Tell { asked_ns: u64 },
     /// End all, and leave nothing behind.
     Leave,
 }
@@ -117,6 +119,8 @@ pub(super) enum Event {
         #[serde(deserialize_with = "printable")]
         how: String,
     },
+    /// The time, by this host's clock: when it was asked, and now.
+    Told { asked_ns: u64, heard_ns: u64, said_ns: u64 },
     /// An agent has written a line to stderr.
     Said {
         agent: usize,

@@ -8,9 +8,12 @@ use crate::bus::Header;
 /// How long what some agents have answered waits for the others: who is slower has a frame of its own.
 const PATIENCE: Duration = Duration::from_millis(20);
 
+/// The same against the clock, where nobody waits for who is slower. A frame costs a tenth of that.
+const SHORT_PATIENCE: Duration = Duration::from_millis(1);
+
 /// What is to be sent, and who is waited for.
-#[derive(Default)]
 pub(super) struct Outgoing {
+    patience: Duration,
     frame: Frame,
     /// When the first message came in.
     since: Option<Instant>,
@@ -26,6 +29,20 @@ pub(super) struct Outgoing {
 }
 
 impl Outgoing {
+    /// Nothing is to be sent by a swarm in lockstep, or `real_time`.
+    pub(super) fn new(real_time: bool) -> Outgoing {
+        Outgoing {
+            patience: if real_time { SHORT_PATIENCE } else { PATIENCE },
+            frame: Frame::default(),
+            since: None,
+            is_urgent: false,
+            has_decisions: false,
+            silent: 0,
+            undecided: 0,
+            is_alone: false,
+        }
+    }
+
     /// Adds a message.
     pub(super) fn push(&mut self, header: &Header, words: &[u32]) {
         self.frame.push(header, words);
@@ -34,7 +51,7 @@ impl Outgoing {
 
     /// How much longer what is there may wait, if something is.
     pub(super) fn longest_wait(&self) -> Option<Duration> {
-        self.since.map(|since| PATIENCE.saturating_sub(since.elapsed()))
+        self.since.map(|since| self.patience.saturating_sub(since.elapsed()))
     }
 
     /// What is complete, or has waited for long enough. `running` are the agents that can still answer.

@@ -38,7 +38,7 @@ pub(super) struct PlannedHost {
     /// Where it listens, such as `tcp/192.168.1.11:7447`.
     pub(super) at: String,
     /// The agents that run there, if the file says so.
-    agents: Option<Vec<usize>>,
+    pub(super) agents: Option<Vec<usize>>,
 }
 
 impl Plan {

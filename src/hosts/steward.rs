@@ -17,7 +17,9 @@ use crate::base::error::Result;
 use crate::base::file::AtomicFile;
 use crate::base::hash::fnv1a;
 use crate::base::scheduling::Scheduling;
-use crate::bus::{Bell, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmDirectory, Voices, Wait};
+use crate::bus::{
+    Bell, Header, Kind, PROTOCOL, Sample, SupervisorPort, SwarmDirectory, Voices, Wait, now_ns, wake_on_time,
+};
 use crate::failed;
 use crate::supervisor::{
     AgentCommand, Children, Deadlines, allow_open_files, check_tasks, members_of, reserve_shared_memory,
@@ -64,11 +66,7 @@ impl Steward {
         example.check()?;
         let (team, layout) = (example.address.agents, example.settings.layout());
         let everybody = u64::MAX >> (u64::BITS as usize - team);
-        let is_one = *own != 0
-            && own & !everybody == 0
-            && example.address.weights == 0
-            && !example.address.real_time
-            && is_secret(line);
+        let is_one = *own != 0 && own & !everybody == 0 && example.address.weights == 0 && is_secret(line);
         if !is_one {
             return Err(failed!("this is no swarm that a host can be part of"));
         }
@@ -86,10 +84,14 @@ impl Steward {
         example.settings.policy = PolicySource::Copy(path);
         example.supervisor = std::process::id() as i32;
         example.wait = Wait::Block;
+        example.carried = true;
         // Which cores and priorities there are here is not for others to say.
         example.scheduling = Scheduling::default();
         example.wire = example.address.wire(&layout);
         let address = &example.address;
+        if address.real_time {
+            wake_on_time();
+        }
         reserve_shared_memory(&directory, address, &layout)?;
         allow_open_files(team)?;
         check_tasks(own.count_ones() as usize)?;
@@ -108,7 +110,7 @@ impl Steward {
             running: 0,
             unready: *own,
             incarnations: vec![0; team],
-            out: Outgoing::default(),
+            out: Outgoing::new(address.real_time),
             said,
             children,
             voices: (others != 0).then(|| Voices::open(address, &layout, others)).transpose()?,
@@ -132,11 +134,14 @@ impl Steward {
                         self.take_frame(&bytes)?;
                         wakes = true;
                     }
-                    Heard::Words(words) => match understand(&words)? {
+                    Heard::Words(words, heard_ns) => match understand(&words)? {
                         Order::Leave => return Ok(()),
                         Order::Start { agent, incarnation } => self.start(agent, incarnation)?,
                         Order::Signal { agent, signal } => self.signal(agent, signal)?,
                         Order::End { agent } => self.end(agent)?,
+                        Order::Tell { asked_ns } => {
+                            self.line.say(say(&Event::Told { asked_ns, heard_ns, said_ns: now_ns() }));
+                        }
                     },
                 }
             }
@@ -149,9 +154,8 @@ impl Steward {
             self.take_answers()?;
             self.take_dead()?;
             self.send_due()?;
-            // Not 0, which is forever.
-            self.port
-                .sleep(self.out.longest_wait().unwrap_or(LONGEST_SLEEP).max(Duration::from_millis(1)))?;
+            let longest = self.out.longest_wait().unwrap_or(LONGEST_SLEEP);
+            self.port.sleep_until(now_ns() + longest.as_nanos() as u64)?;
         }
     }
 
@@ -314,6 +318,7 @@ mod tests {
             incarnation: 0,
             wait: Wait::Block,
             peers: Duration::from_secs(1),
+            carried: false,
             scheduling: Scheduling::default(),
             supervisor: 1,
             settings,

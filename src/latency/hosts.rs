@@ -31,8 +31,12 @@ impl HostHop {
     pub(crate) fn measure(plan: &Plan, payload: usize, longest: Duration) -> Result<Vec<HostHop>> {
         let mut hops = Vec::new();
         for partner in Partner::connect(plan, plan.len())? {
-            let host = &partner.name;
-            let empty = |over| HostHop { host: host.clone(), over, payload, hop: Distribution::default() };
+            let empty = |over| HostHop {
+                host: partner.name().to_owned(),
+                over,
+                payload,
+                hop: Distribution::default(),
+            };
             let mut measured = Over::ALL.map(empty);
             for _ in 0..ROUNDS {
                 for HostHop { over, hop, .. } in &mut measured {

@@ -37,9 +37,29 @@ pub(crate) trait Elsewhere: fmt::Debug {
     /// Sends them what is on the bus for them.
     fn send(&mut self) -> Result<()>;
 
+    /// What there is to say of the machines they run on.
+    fn report(&self) -> Vec<HostReport>;
+
     /// Waits until those that were told to leave have done so and nothing of them is left, for `longest` or a little
     /// longer.
     fn reap(&mut self, longest: Duration);
+}
+
+/// What there is to say of a machine on which agents of a swarm run.
+#[derive(Clone, Debug)]
+pub struct HostReport {
+    /// What it is called.
+    pub name: String,
+    /// Where it listens.
+    pub at: String,
+    /// Its agents, bit by bit.
+    pub agents: u64,
+    /// What its monotonic clock was ahead of the supervisor's, ns.
+    pub ahead_ns: i64,
+    /// By how much that may be wrong, ns.
+    pub error_ns: u64,
+    /// How often that clock moved by more than errors and drift explain.
+    pub clock_jumps: u64,
 }
 
 /// All agents run here.
@@ -71,6 +91,10 @@ impl Elsewhere for Nowhere {
 
     fn send(&mut self) -> Result<()> {
         Ok(())
+    }
+
+    fn report(&self) -> Vec<HostReport> {
+        Vec::new()
     }
 
     fn reap(&mut self, _longest: Duration) {}

@@ -141,6 +141,7 @@ impl Examination {
             incarnation: 0,
             wait: Wait::Block,
             peers: deadlines.peers,
+            carried: false,
             scheduling: Scheduling::default(),
             supervisor: std::process::id() as i32,
             settings,

@@ -55,7 +55,7 @@ impl Observer for Ledger<'_> {
             episode.missed += u64::from((decisions.missing & !decisions.absent).count_ones());
             episode.absent += u64::from(decisions.absent.count_ones());
             episode.outdated += if tick.step > 0 { stage.outdated(world) } else { 0 };
-            count_deliveries(&tick, decisions, world, episode);
+            count_deliveries(&tick, decisions, world, (episode, &mut self.statistics));
             sum_imputation_errors(spec, &tick, decisions, world, episode);
         }
         Ok(())
@@ -78,7 +78,12 @@ impl Observer for Ledger<'_> {
     }
 }
 
-fn count_deliveries(tick: &Tick, decisions: &Decisions, world: usize, episode: &mut EpisodeStatistics) {
+fn count_deliveries(
+    tick: &Tick,
+    decisions: &Decisions,
+    world: usize,
+    (episode, all): (&mut EpisodeStatistics, &mut Statistics),
+) {
     if tick.step == 0 {
         return;
     }
@@ -101,6 +106,9 @@ fn count_deliveries(tick: &Tick, decisions: &Decisions, world: usize, episode: &
                 episode.delayed += u64::from(used > 0);
             } else if arriving == message {
                 episode.late += u64::from(there);
+                if there {
+                    all.push_late(sender);
+                }
             } else {
                 // Somebody else was faster.
                 episode.outdated += 1;

@@ -46,6 +46,7 @@ pub use control::{Command, Control, Steered};
 pub use deadlines::Deadlines;
 #[cfg(feature = "hosts")]
 pub(crate) use elsewhere::Elsewhere;
+pub use elsewhere::HostReport;
 pub use examination::{Check, Examination};
 pub use hosted::Hosted;
 pub use in_process::InProcess;

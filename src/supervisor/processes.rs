@@ -9,7 +9,7 @@ use super::chronicle::Chronicle;
 use super::clock::{Clock, Period};
 use super::command::AgentCommand;
 use super::deadlines::Deadlines;
-use super::elsewhere::{Elsewhere, Nowhere};
+use super::elsewhere::{Elsewhere, HostReport, Nowhere};
 use super::launch::Children;
 use super::needs::{allow_open_files, check_tasks, reserve_shared_memory, share_weights};
 use super::roster::{Roster, members_of};
@@ -226,6 +226,7 @@ impl Processes {
             wait: self.conduct.wait,
             // Peers that gave up first would decide without somebody who is only slow.
             peers: self.conduct.deadlines.peers.max(2 * self.conduct.deadlines.answer),
+            carried: self.elsewhere.agents() != 0,
             scheduling: self.conduct.scheduling,
             supervisor: std::process::id() as i32,
             settings: self.settings.clone(),
@@ -252,6 +253,11 @@ impl Processes {
     /// What the processes were granted; `None` if they asked for nothing.
     pub fn grants(&self) -> Option<&Grants> {
         self.grants.as_ref()
+    }
+
+    /// What there is to say of the other machines it runs on.
+    pub fn hosts(&self) -> Vec<HostReport> {
+        self.elsewhere.report()
     }
 
     /// What befell the agents.
@@ -307,10 +313,16 @@ impl Processes {
         Ok(())
     }
 
-    /// Waits for a moment of the clock, and for nobody.
+    /// Waits for a moment of the clock, and for nobody. What agents tell those on other machines is carried meanwhile.
     fn wait_for_moment(&mut self, moment_ns: u64) -> Result<()> {
         while now_ns() < moment_ns {
-            wait_for_moment(self.conduct.wait, moment_ns);
+            if self.elsewhere.agents() == 0 {
+                wait_for_moment(self.conduct.wait, moment_ns);
+            } else {
+                self.port.sleep_until(moment_ns)?;
+                self.elsewhere.bring()?;
+                self.elsewhere.send()?;
+            }
             signals::check_stop()?;
             self.take_back()?;
         }

@@ -45,6 +45,8 @@ pub struct Statistics {
     returns: Running,
     /// Sums over the episodes, in their order.
     total: EpisodeStatistics,
+    /// By sender, of all ticks.
+    late: Vec<u64>,
     tick_times: Distribution,
     elapsed: Duration,
 }
@@ -73,6 +75,14 @@ impl Statistics {
         if !self.forgets {
             self.episodes.push(episode);
         }
+    }
+
+    /// Notes that an observation was late.
+    pub(super) fn push_late(&mut self, sender: usize) {
+        if self.late.len() <= sender {
+            self.late.resize(sender + 1, 0);
+        }
+        self.late[sender] += 1;
     }
 
     pub(super) fn push_tick(&mut self, time: Duration) {
@@ -142,6 +152,12 @@ impl Statistics {
     pub fn late_rate(&self) -> Option<f64> {
         let EpisodeStatistics { late, sent, .. } = self.total;
         (sent > 0).then(|| late as f64 / sent as f64)
+    }
+
+    /// Observations of an agent that were late, over i != j and t >= 1: of all ticks, also those of an episode that was not
+    /// finished.
+    pub fn late_from(&self, sender: usize) -> u64 {
+        self.late.get(sender).copied().unwrap_or(0)
     }
 
     /// Decisions that were not made in time, and all that were due.

@@ -5,6 +5,7 @@ mod common;
 
 mod bad_network;
 mod campaign;
+mod clock;
 mod namespaces;
 mod relay;
 mod strangers;
@@ -43,10 +44,15 @@ pub struct Host {
 impl Host {
     /// Starts one on loopback, and waits until it listens.
     fn start(name: &str, more: &[&str]) -> Host {
+        Host::start_by(|| Command::new(PROGRAM), name, more)
+    }
+
+    /// The same, by some command.
+    fn start_by(command: impl Fn() -> Command, name: &str, more: &[&str]) -> Host {
         // Somebody else may get the port in between.
         let attempt = |_| {
             let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-            Host::start_at(Command::new(PROGRAM), name, &format!("tcp/127.0.0.1:{port}"), more).ok()
+            Host::start_at(command(), name, &format!("tcp/127.0.0.1:{port}"), more).ok()
         };
         (0..5).find_map(attempt).expect("it can listen at one of five ports")
     }
