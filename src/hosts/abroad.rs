@@ -188,7 +188,8 @@ impl Host {
     /// Asks for the time, and waits for the answer.
     fn await_time(&mut self) -> Result<()> {
         self.ask_time();
-        let deadline = Instant::now() + self.engine.patience.reply();
+        let longest = self.engine.patience.reply();
+        let deadline = Instant::now() + longest;
         loop {
             let line = self.line.as_ref().expect("it has joined");
             let how = match line.hear_within(deadline.saturating_duration_since(Instant::now())) {
@@ -202,7 +203,7 @@ impl Host {
                 },
                 Some(Heard::Here | Heard::Frame(_)) => continue,
                 Some(Heard::Gone) => "cannot be reached any longer".to_owned(),
-                None => format!("does not tell the time within {:?}", self.engine.patience.reply()),
+                None => format!("does not tell the time within {longest:?}"),
             };
             return Err(lost(&self.name, failed!("{how}")));
         }
