@@ -28,7 +28,7 @@ struct Request {
 }
 
 enum Task {
-    Join(Invitation),
+    Join(Box<Invitation>),
     Echo(Echo),
 }
 
@@ -54,7 +54,7 @@ pub(crate) fn serve(at: &str, key: Option<&Path>, patience: Patience, tell: impl
             }
             // There is one at a time, and whoever listens has ended if there is no place.
             Ok(Question::Join(invitation)) => {
-                return drop(ask.try_send(Request { question, task: Task::Join(*invitation) }));
+                return drop(ask.try_send(Request { question, task: Task::Join(invitation) }));
             }
             Ok(Question::Echo(echo)) => {
                 return drop(ask.try_send(Request { question, task: Task::Echo(echo) }));

@@ -72,7 +72,11 @@ fn a_cut_cable_is_a_host_that_is_lost() {
     let (code, said) = end(supervisor);
     assert_eq!(code, Some(130), "{said}");
     left.assert_empty();
-    fail(&format!("spawn --task hear-see --hosts {}", plan.display()), 1, &["host right", "cannot be reached"]);
+    fail(
+        &format!("spawn --task hear-see --hosts {}", plan.display()),
+        1,
+        &["host right", "cannot be reached"],
+    );
     left.assert_empty();
     // Where nobody may be lost, the run ends.
     pair.networks[1].relay().cut(false);
