@@ -2,16 +2,19 @@
 
 use std::fmt;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
 use super::engine::{End, Engine, Heard, Line};
 use super::frame::{Frame, Shape};
+use super::key::Key;
 use super::offset::{Estimate, Exchange, Jump, Offset};
 use super::orders::{
     Answer, Event, Identity, Invitation, LARGEST_POLICY, Order, Question, bit_among, say, secret, understand,
 };
+use super::patience::Patience;
 use super::plan::{Plan, PlannedHost};
 use crate::agent::PolicySource;
 use crate::agent::process::ProcessSettings;
@@ -33,6 +36,8 @@ pub(crate) struct Hosts {
     swarm: Option<Presence>,
     /// Agents that have ended: which and how.
     dead: Vec<(usize, String)>,
+    /// Frames sent and received.
+    frames: Arc<AtomicU64>,
 }
 
 /// What stands in for the agents of all hosts.
@@ -46,11 +51,11 @@ struct Presence {
 }
 
 /// A host.
-struct Host {
+pub(super) struct Host {
     /// Name and address, for errors.
-    name: String,
-    planned: PlannedHost,
-    engine: Engine,
+    pub(super) name: String,
+    pub(super) planned: PlannedHost,
+    pub(super) engine: Engine,
     /// Its agents, bit by bit.
     agents: u64,
     /// Those that have been started and have not ended.
@@ -76,14 +81,14 @@ impl Hosts {
         let mut hosts = Vec::new();
         // A host without agents has nothing to do.
         for (planned, agents) in plan.hosts.iter().zip(places).filter(|(_, agents)| *agents != 0) {
-            let PlannedHost { name, at, .. } = planned;
-            let name = format!("host {name} ({at})");
-            let engine = Engine::connect(at, key.as_ref(), plan.patience).map_err(|e| lost(&name, e))?;
-            let host = Host::new(name, planned.clone(), engine, agents);
-            host.greet()?;
-            hosts.push(host);
+            hosts.push(Host::connect(planned, key.as_ref(), plan.patience, agents)?);
         }
-        Ok(Hosts { hosts, swarm: None, dead: Vec::new() })
+        Ok(Hosts { hosts, swarm: None, dead: Vec::new(), frames: Arc::default() })
+    }
+
+    /// Counts the frames that it sends and receives.
+    pub(crate) fn frames(&self) -> Arc<AtomicU64> {
+        self.frames.clone()
     }
 
     fn of(&mut self, agent: usize) -> Option<&mut Host> {
@@ -92,6 +97,21 @@ impl Hosts {
 }
 
 impl Host {
+    /// Connects to one that is to have these agents.
+    pub(super) fn connect(
+        planned: &PlannedHost,
+        key: Option<&Key>,
+        patience: Patience,
+        agents: u64,
+    ) -> Result<Host> {
+        let PlannedHost { name, at, .. } = planned;
+        let name = format!("host {name} ({at})");
+        let engine = Engine::connect(at, key, patience).map_err(|e| lost(&name, e))?;
+        let host = Host::new(name, planned.clone(), engine, agents);
+        host.greet()?;
+        Ok(host)
+    }
+
     fn new(name: String, planned: PlannedHost, engine: Engine, agents: u64) -> Host {
         Host {
             name,
@@ -114,7 +134,7 @@ impl Host {
         let other = match self.ask(&Question::Who, &[], patience.reply())? {
             Answer::I(other) => other,
             Answer::No(why) => return Err(failed!("{} does not say who it is: {why}", self.name)),
-            Answer::Yes => return Err(failed!("{} does not say who it is", self.name)),
+            Answer::Yes | Answer::At(_) => return Err(failed!("{} does not say who it is", self.name)),
         };
         if (&other.program, other.protocol) != (&own.program, own.protocol) {
             return Err(failed!(
@@ -144,7 +164,7 @@ impl Host {
         Ok(())
     }
 
-    fn ask(&self, question: &Question, policy: &[u8], longest: Duration) -> Result<Answer> {
+    pub(super) fn ask(&self, question: &Question, policy: &[u8], longest: Duration) -> Result<Answer> {
         let answer = self.engine.ask(say(question), policy, longest).map_err(|e| lost(&self.name, e))?;
         understand(&answer).map_err(|e| failed!("{} is of another version: {e}", self.name))
     }
@@ -158,7 +178,9 @@ impl Host {
         match self.ask(&Question::Join(Box::new(invitation)), policy, self.engine.patience.join())? {
             Answer::Yes => self.line = Some(line),
             Answer::No(why) => return Err(lost(&self.name, failed!("will not join: {why}"))),
-            Answer::I(_) => return Err(failed!("{} does not say whether it will join", self.name)),
+            Answer::I(_) | Answer::At(_) => {
+                return Err(failed!("{} does not say whether it will join", self.name));
+            }
         }
         (0..FIRST_QUESTIONS).try_for_each(|_| self.await_time())
     }
@@ -350,12 +372,15 @@ impl Elsewhere for Hosts {
     }
 
     fn bring(&mut self) -> Result<()> {
-        let Hosts { hosts, swarm: Some(swarm), dead } = self else { return Ok(()) };
+        let Hosts { hosts, swarm: Some(swarm), dead, frames } = self else { return Ok(()) };
         for host in hosts {
             while let Some(heard) = host.line.as_ref().and_then(Line::hear) {
                 let taken = match heard {
                     Heard::Here => Ok(()),
-                    Heard::Frame(bytes) => swarm.bring(&bytes, host),
+                    Heard::Frame(bytes) => {
+                        frames.fetch_add(1, Ordering::Relaxed);
+                        swarm.bring(&bytes, host)
+                    }
                     Heard::Words(words, at_ns) => understand(&words)
                         .and_then(|event| host.note((event, at_ns), &swarm.incarnations, dead)),
                     Heard::Gone => Err(failed!("cannot be reached any longer")),
@@ -372,7 +397,7 @@ impl Elsewhere for Hosts {
     }
 
     fn send(&mut self) -> Result<()> {
-        let Hosts { hosts, swarm: Some(swarm), .. } = self else { return Ok(()) };
+        let Hosts { hosts, swarm: Some(swarm), frames, .. } = self else { return Ok(()) };
         for host in hosts.iter_mut() {
             for agent in members_of(host.agents) {
                 while let Some(sample) = swarm.stand_ins.receive_sensor(agent)? {
@@ -389,6 +414,7 @@ impl Elsewhere for Hosts {
             let frame = host.frame.take();
             if let Some(line) = &host.line {
                 line.send(frame);
+                frames.fetch_add(1, Ordering::Relaxed);
             }
         }
         let now = Instant::now();
@@ -460,7 +486,6 @@ impl fmt::Debug for Hosts {
 mod tests {
     use std::net::TcpListener;
 
-    use super::super::patience::Patience;
     use super::*;
 
     #[test]

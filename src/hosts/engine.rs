@@ -1,4 +1,4 @@
-//! The engine between machines, Zenoh: the only file that names it.
+//! The engine between machines, Zenoh: the only file that names it, but for `plain.rs`.
 //!
 //! A host listens; a supervisor has a session with each of its hosts. A session first carries questions and their answers.
 //! Then a [`Line`] is opened in it, over which either side sends what it likes: all of it arrives, in order. Each side is
@@ -44,7 +44,7 @@ const SLICE: Duration = Duration::from_millis(50);
 
 /// One end of the engine.
 pub(super) struct Engine {
-    session: Session,
+    pub(super) session: Session,
     pub(super) patience: Patience,
 }
 
@@ -61,6 +61,15 @@ pub(super) struct Answering {
 pub(super) enum End {
     Supervisor,
     Host,
+}
+
+impl End {
+    pub(super) fn other(self) -> End {
+        match self {
+            End::Supervisor => End::Host,
+            End::Host => End::Supervisor,
+        }
+    }
 }
 
 /// What comes over a line.
@@ -174,10 +183,7 @@ impl Engine {
         tell: impl Fn() + Clone + Send + Sync + 'static,
     ) -> Result<Line> {
         let key = |end: End, what: &str| format!("vamaro-swarm/{secret}/{end:?}/{what}");
-        let other = match end {
-            End::Supervisor => End::Host,
-            End::Host => End::Supervisor,
-        };
+        let other = end.other();
         let wrong = |e: zenoh::Error| failed!("cannot open the line: {e}");
         let (sender, heard) = bounded(MOST_HEARD);
         let inlet = Inlet(Arc::new(Mutex::new(Some(sender))));

@@ -18,9 +18,10 @@
 //! Times in messages are of the clock of the machine that they are on: the supervisor translates, in both directions, by
 //! what `offset.rs` knows of each host's clock.
 //!
-//! Only `engine.rs` names Zenoh, which carries the bytes.
+//! Only `engine.rs` names Zenoh, which carries the bytes, and `plain.rs`, which it is compared with.
 
 mod abroad;
+mod echo;
 mod engine;
 mod frame;
 mod key;
@@ -29,10 +30,12 @@ mod offset;
 mod orders;
 mod outgoing;
 mod patience;
+mod plain;
 mod plan;
 mod steward;
 
 pub(crate) use abroad::Hosts;
+pub(crate) use echo::{Answering, Over, Partner};
 pub(crate) use listen::serve;
 pub(crate) use patience::Patience;
 pub(crate) use plan::Plan;

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use serde::{Deserialize, Deserializer, Serialize, de::DeserializeOwned};
 
+use super::echo::Echo;
 use super::patience::Patience;
 use crate::agent::process::ProcessSettings;
 use crate::base::error::Result;
@@ -24,6 +25,8 @@ pub(super) enum Question {
     Who,
     /// Will you look after some agents of a swarm? A policy file comes with it.
     Join(Box<Invitation>),
+    /// Will you answer messages, so that it can be measured how long they take?
+    Echo(Echo),
 }
 
 /// A swarm, to a host that is to be part of it.
@@ -58,6 +61,8 @@ pub(super) enum Answer {
     I(Identity),
     /// I will.
     Yes,
+    /// I will, at this port if they are datagrams.
+    At(u16),
     /// I will not, and why.
     No(#[serde(deserialize_with = "printable")] String),
 }

@@ -15,7 +15,7 @@ use crate::usage;
 const LARGEST: u64 = 1 << 20;
 
 /// What the file says.
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Plan {
     /// The file with the key, as seen from the folder of this one.
@@ -76,6 +76,17 @@ impl Plan {
         Ok(plan)
     }
 
+    /// The first hosts of it, with agents spread evenly over them.
+    pub(crate) fn of_first(&self, hosts: usize) -> Plan {
+        let spread = |host: &PlannedHost| PlannedHost { agents: None, ..host.clone() };
+        Plan { hosts: self.hosts.iter().take(hosts).map(spread).collect(), ..self.clone() }
+    }
+
+    /// How many hosts there are.
+    pub(crate) fn len(&self) -> usize {
+        self.hosts.len()
+    }
+
     /// The key, if the file names one.
     pub(super) fn key(&self) -> Result<Option<Key>> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
@@ -84,7 +95,7 @@ impl Plan {
 
     /// The agents of each host, bit by bit, in a team of so many. Those that no host lists are spread evenly over the
     /// hosts without a list; if all hosts have one, they run on the machine of the supervisor.
-    pub(super) fn place(&self, team: usize) -> Result<Vec<u64>> {
+    pub(crate) fn place(&self, team: usize) -> Result<Vec<u64>> {
         let mut places = vec![0u64; self.hosts.len()];
         for (index, PlannedHost { name, agents, .. }) in self.hosts.iter().enumerate() {
             for agent in agents.iter().flatten() {
