@@ -330,13 +330,15 @@ impl Spawn {
         let on_failure = self.on_failure.unwrap_or(usual);
         // Ten times what an agent computes in a world, on one core for all of them.
         let rows = settings.spec.n_agents() * settings.worlds;
-        let answer = self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64) + silence);
+        // Of which an agent has four fifths to publish.
+        let answer = self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64) + silence * 5 / 4);
+        let deadlines = Deadlines::default();
         Ok(Conduct {
             wait: self.wait,
             rate: self.rate,
             scheduling,
             on_failure,
-            deadlines: Deadlines { answer, ..Deadlines::default() },
+            deadlines: Deadlines { answer, ready: deadlines.ready + silence, ..deadlines },
             command: None,
             others: self.other_agents.clone(),
         })
