@@ -27,9 +27,11 @@ mod key;
 mod listen;
 mod offset;
 mod orders;
+mod outbox;
 mod outgoing;
 mod plan;
 mod steward;
+mod tally;
 
 pub(crate) use abroad::Hosts;
 pub(crate) use engine::LEASE;

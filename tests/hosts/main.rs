@@ -5,6 +5,7 @@ mod common;
 
 mod clock;
 mod namespaces;
+mod network;
 
 use std::fs::Permissions;
 use std::io::{BufRead, BufReader};
