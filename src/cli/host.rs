@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::tell;
 use crate::base::error::Result;
-use crate::hosts::serve;
+use crate::hosts::{Patience, serve};
 use crate::supervisor::signals;
 
 /// Run agents of swarms that `spawn --hosts` starts on another machine
@@ -29,12 +29,16 @@ pub struct Host {
     /// Let in only who has this key: a file with one line `name:secret` that nobody else can read
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
+
+    /// How long a supervisor may be silent before it is gone; the `patience` of its hosts.toml has to be the same
+    #[arg(long, value_name = "TIME", default_value = "2s", value_parser = Patience::parse)]
+    patience: Patience,
 }
 
 impl Host {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         signals::install()?;
-        serve(&self.listen, self.key.as_deref(), tell)
+        serve(&self.listen, self.key.as_deref(), self.patience, tell)
     }
 }

@@ -96,7 +96,7 @@ pub struct Spawn {
     other_agents: Vec<(usize, AgentCommand)>,
 
     /// Run agents on other machines: this file says on which, and which agents where. Each of them runs
-    /// `vamaro-swarm host`; docs/hosts.md says more. --deadline is then 2s longer by default
+    /// `vamaro-swarm host`; docs/hosts.md says more. The default of --deadline then allows for a silent host, too
     #[cfg(feature = "hosts")]
     #[arg(long, value_name = "FILE", conflicts_with_all = ["in_process", "other_agents"])]
     hosts: Option<PathBuf>,
@@ -307,33 +307,31 @@ impl Spawn {
 
     /// Starts the processes, here or where --hosts says.
     fn start(&self, settings: &AgentSettings, policy: &Policy, scheduling: Scheduling) -> Result<Processes> {
-        let conduct = self.conduct(settings, scheduling)?;
         #[cfg(feature = "hosts")]
         if let Some(path) = &self.hosts {
-            let hosts = Hosts::connect(&Plan::read(path)?, settings.spec.n_agents(), self.network_is_link())?;
+            let plan = Plan::read(path)?;
+            // That a host is gone shall be noticed before its agents count as hung.
+            let conduct = self.conduct(settings, scheduling, plan.patience.silence())?;
+            let hosts = Hosts::connect(&plan, settings.spec.n_agents(), self.network_is_link())?;
             return Processes::start_also(Box::new(hosts), settings, policy, conduct);
         }
-        Processes::start(settings, policy, conduct)
+        Processes::start(settings, policy, self.conduct(settings, scheduling, Duration::ZERO)?)
     }
 
-    /// How long a host may be silent before it is gone: that it is shall be noticed before its agents count as hung.
-    fn longest_silence(&self) -> Duration {
-        #[cfg(feature = "hosts")]
-        if self.hosts.is_some() {
-            return crate::hosts::LEASE;
-        }
-        Duration::ZERO
-    }
-
-    fn conduct(&self, settings: &AgentSettings, scheduling: Scheduling) -> Result<Conduct> {
+    /// How it runs if somebody may be silent for so long before it is gone.
+    fn conduct(
+        &self,
+        settings: &AgentSettings,
+        scheduling: Scheduling,
+        silence: Duration,
+    ) -> Result<Conduct> {
         // Where every tick is looked at, none may be without an agent unnoticed.
         let exact = self.audit || self.record.is_some();
         let usual = if exact { OnFailure::Abort } else { OnFailure::Restart };
         let on_failure = self.on_failure.unwrap_or(usual);
         // Ten times what an agent computes in a world, on one core for all of them.
         let rows = settings.spec.n_agents() * settings.worlds;
-        let answer =
-            self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64) + self.longest_silence());
+        let answer = self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64) + silence);
         Ok(Conduct {
             wait: self.wait,
             rate: self.rate,

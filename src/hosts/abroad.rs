@@ -24,15 +24,6 @@ use crate::bus::{Bell, Header, Kind, Layout, Sample, StandIns, now_ns};
 use crate::failed;
 use crate::supervisor::{Elsewhere, HostReport, members_of, say as say_aloud};
 
-/// How long a host may take to say who it is.
-const LONGEST_ANSWER: Duration = Duration::from_secs(3);
-
-/// How long a host may take to receive a policy, and to make room for the agents.
-const LONGEST_JOIN: Duration = Duration::from_secs(30);
-
-/// How much longer a host may take to leave than its agents.
-const LONGEST_FAREWELL: Duration = Duration::from_secs(3);
-
 /// A host is asked for the time so many times before it plays, and then this often.
 const FIRST_QUESTIONS: usize = 8;
 const BETWEEN_QUESTIONS: Duration = Duration::from_millis(200);
@@ -92,7 +83,7 @@ impl Hosts {
         for (planned, agents) in plan.hosts.iter().zip(places).filter(|(_, agents)| *agents != 0) {
             let PlannedHost { name, at, .. } = planned;
             let name = format!("host {name} ({at})");
-            let engine = Engine::connect(at, key.as_ref()).map_err(|e| lost(&name, e))?;
+            let engine = Engine::connect(at, key.as_ref(), plan.patience).map_err(|e| lost(&name, e))?;
             let host = Host::new(name, planned.clone(), engine, agents, network_is_link);
             host.greet()?;
             hosts.push(host);
@@ -124,8 +115,9 @@ impl Host {
 
     /// Asks who it is.
     fn greet(&self) -> Result<()> {
-        let own = Identity::own();
-        let other = match self.ask(&Question::Who, &[], LONGEST_ANSWER)? {
+        let patience = self.engine.patience;
+        let own = Identity::own(patience);
+        let other = match self.ask(&Question::Who, &[], patience.reply())? {
             Answer::I(other) => other,
             Answer::No(why) => return Err(failed!("{} does not say who it is: {why}", self.name)),
             Answer::Yes => return Err(failed!("{} does not say who it is", self.name)),
@@ -139,6 +131,14 @@ impl Host {
                 other.protocol,
                 own.program,
                 own.protocol
+            ));
+        }
+        if other.patience != patience {
+            return Err(failed!(
+                "{} waits for {:?}, and this machine for {:?}; start it with --patience {2:?}",
+                self.name,
+                other.patience.silence(),
+                patience.silence()
             ));
         }
         if other.instructions != own.instructions {
@@ -167,7 +167,7 @@ impl Host {
             network_is_link: self.outbox.network_is_link,
             line: secret,
         };
-        match self.ask(&Question::Join(Box::new(invitation)), policy, LONGEST_JOIN)? {
+        match self.ask(&Question::Join(Box::new(invitation)), policy, self.engine.patience.join())? {
             Answer::Yes => self.line = Some(line),
             Answer::No(why) => return Err(lost(&self.name, failed!("will not join: {why}"))),
             Answer::I(_) => return Err(failed!("{} does not say whether it will join", self.name)),
@@ -178,7 +178,8 @@ impl Host {
     /// Asks for the time, and waits for the answer.
     fn await_time(&mut self) -> Result<()> {
         self.ask_time();
-        let deadline = Instant::now() + LONGEST_ANSWER;
+        let longest = self.engine.patience.reply();
+        let deadline = Instant::now() + longest;
         loop {
             let line = self.line.as_ref().expect("it has joined");
             let how = match line.hear_within(deadline.saturating_duration_since(Instant::now())) {
@@ -194,7 +195,7 @@ impl Host {
                 }
                 Some(Heard::Here | Heard::Frame(_)) => continue,
                 Some(Heard::Gone) => "cannot be reached any longer".to_owned(),
-                None => format!("does not tell the time within {LONGEST_ANSWER:?}"),
+                None => format!("does not tell the time within {longest:?}"),
             };
             return Err(lost(&self.name, failed!("{how}")));
         }
@@ -433,11 +434,12 @@ impl Elsewhere for Hosts {
 
     fn reap(&mut self, longest: Duration) {
         self.hosts.iter().for_each(|host| host.order(Order::Leave));
-        let deadline = Instant::now() + longest + LONGEST_FAREWELL;
+        let began = Instant::now();
         let incarnations = self.swarm.as_ref().map_or(Vec::new(), |swarm| swarm.incarnations.clone());
         for host in &mut self.hosts {
             host.running = 0;
             let Some(line) = host.line.take() else { continue };
+            let deadline = began + longest + host.engine.patience.reply();
             loop {
                 let heard = line.hear_within(deadline.saturating_duration_since(Instant::now()));
                 match heard {
@@ -486,12 +488,13 @@ impl fmt::Debug for Hosts {
 mod tests {
     use std::net::TcpListener;
 
+    use super::super::patience::Patience;
     use super::*;
 
     #[test]
     fn a_host_speaks_of_its_own_agents() {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None).unwrap();
+        let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None, Patience::default()).unwrap();
         let planned = PlannedHost { name: "left".to_owned(), at: "tcp/127.0.0.1:1".to_owned(), agents: None };
         let mut host = Host::new("left".to_owned(), planned, engine, 0b10, false);
         host.running = 0b10;
@@ -506,19 +509,25 @@ mod tests {
     }
 
     #[test]
-    fn a_host_of_another_version_is_refused_by_name() {
+    fn a_host_of_another_version_or_patience_is_refused_by_name() {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let at = format!("tcp/127.0.0.1:{port}");
-        let engine = Engine::listen(&at, None).unwrap();
-        let other = Identity { program: "9.9.9".to_owned(), ..Identity::own() };
+        let own = Identity::own(Patience::default());
+        let engine = Engine::listen(&at, None, own.patience).unwrap();
+        let patience = Patience::parse("10s").unwrap();
+        let others = [Identity { program: "9.9.9".to_owned(), ..own.clone() }, Identity { patience, ..own }];
+        let (tell, told) = crossbeam::channel::unbounded();
+        others.into_iter().for_each(|other| tell.send(other).unwrap());
         let answer = move |question: super::super::engine::Question| {
-            question.answer(say(&Answer::I(other.clone())));
+            question.answer(say(&Answer::I(told.recv().unwrap())));
         };
         let _answering = engine.answer(answer).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("hosts.toml");
         std::fs::write(&path, format!("[[host]]\nname = \"left\"\nat = \"{at}\"\n")).unwrap();
-        let error = Hosts::connect(&Plan::read(&path).unwrap(), 2, false).unwrap_err().to_string();
-        assert!(error.contains("host left") && error.contains("9.9.9"), "{error}");
+        for what in ["9.9.9", "--patience 2s"] {
+            let error = Hosts::connect(&Plan::read(&path).unwrap(), 2, false).unwrap_err().to_string();
+            assert!(error.contains("host left") && error.contains(what), "{error}");
+        }
     }
 }

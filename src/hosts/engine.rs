@@ -25,6 +25,7 @@ use zenoh::{Config, Session, Wait};
 
 use super::key::Key;
 use super::orders::LARGEST_POLICY;
+use super::patience::Patience;
 use super::plan::{socket_of, takes_datagrams};
 use crate::base::error::Result;
 use crate::bus::now_ns;
@@ -34,18 +35,12 @@ use crate::supervisor::signals;
 /// Where a host is asked.
 const QUESTIONS: &str = "vamaro-swarm/questions";
 
-/// How long a host may take to be connected to.
-const LONGEST_CONNECT: Duration = Duration::from_secs(3);
-
-/// The same where datagrams are to get through that make a connection, and may be lost. Each attempt takes so long at most.
-const LONGEST_CONNECT_BY_DATAGRAMS: Duration = Duration::from_secs(15);
-const LONGEST_ATTEMPT: Duration = Duration::from_secs(1);
+/// The answers that a connection by datagrams may take, which are tried so often each: a datagram may be lost.
+const LONGEST_BY_DATAGRAMS: u32 = 5;
+const ATTEMPTS: u32 = 3;
 
 /// Streams and datagrams between two ends, those included of attempts of which one side does not know yet that they failed.
 const MOST_LINKS: usize = 16;
-
-/// Who has not been heard of for so long is gone. Either side is heard of four times as often.
-pub(crate) const LEASE: Duration = Duration::from_secs(2);
 
 /// Who sends so many messages that nobody has taken is cut off: in lockstep a few are under way.
 const MOST_HEARD: usize = 4096;
@@ -59,6 +54,7 @@ const SLICE: Duration = Duration::from_millis(50);
 /// One end of the engine.
 pub(super) struct Engine {
     session: Session,
+    pub(super) patience: Patience,
 }
 
 /// A question, which is to be answered.
@@ -103,7 +99,7 @@ pub(super) struct Line {
 
 impl Engine {
     /// Listens at an address, for all that have the key.
-    pub(super) fn listen(at: &str, key: Option<&Key>) -> Result<Engine> {
+    pub(super) fn listen(at: &str, key: Option<&Key>, patience: Patience) -> Result<Engine> {
         let key = key.map(|key| ("transport/auth/usrpwd/dictionary_file", key.path.to_string_lossy().into()));
         let own = [("mode", "peer".into()), ("listen/endpoints", endpoints(at).into()), links(at)];
         // The engine is short of words, too, for why it cannot.
@@ -111,15 +107,16 @@ impl Engine {
         let bound =
             bound.and_then(|_| takes_datagrams(at).then(|| UdpSocket::bind(socket_of(at))).transpose());
         drop(bound.map_err(|e| failed!("cannot listen at {at}: {e}; is another host running here?"))?);
-        let session = open(own.into_iter().chain(key));
-        Ok(Engine { session: session.map_err(|e| failed!("cannot listen at {at}: {}", words(&e)))? })
+        let session = open(patience, own.into_iter().chain(key));
+        let session = session.map_err(|e| failed!("cannot listen at {at}: {}", words(&e)))?;
+        Ok(Engine { session, patience })
     }
 
     /// Connects to a host that listens at an address. The engine cannot be interrupted in that, so a thread does it, which
     /// is left to itself if the program is asked to stop.
-    pub(super) fn connect(at: &str, key: Option<&Key>) -> Result<Engine> {
+    pub(super) fn connect(at: &str, key: Option<&Key>, patience: Patience) -> Result<Engine> {
         let (at, key, (done, is_done)) = (at.to_owned(), key.cloned(), bounded(1));
-        let connect = move || drop(done.send(Engine::connect_now(&at, key.as_ref())));
+        let connect = move || drop(done.send(Engine::connect_now(&at, key.as_ref(), patience)));
         let thread = std::thread::Builder::new().spawn(connect);
         thread.map_err(|e| failed!("cannot be reached: no thread can be started: {e}"))?;
         loop {
@@ -132,20 +129,19 @@ impl Engine {
         }
     }
 
-    fn connect_now(at: &str, key: Option<&Key>) -> Result<Engine> {
+    fn connect_now(at: &str, key: Option<&Key>, patience: Patience) -> Result<Engine> {
         let key = key.map(|key| {
             let user = json!({"user": key.name, "password": key.secret});
             ("transport/auth/usrpwd", user)
         });
-        let by_stream =
-            [("mode", "client".into()), ("connect/timeout_ms", (LONGEST_CONNECT.as_millis() as u64).into())];
+        let by_stream = [("mode", "client".into()), ("connect/timeout_ms", milliseconds(patience.reply()))];
         // A client has one link only.
         let by_datagrams = [
             ("mode", "peer".into()),
             ("listen/endpoints", json!([])),
-            ("connect/timeout_ms", (LONGEST_CONNECT_BY_DATAGRAMS.as_millis() as u64).into()),
+            ("connect/timeout_ms", milliseconds(LONGEST_BY_DATAGRAMS * patience.reply())),
             ("connect/retry", json!({"period_init_ms": 100, "period_max_ms": 100})),
-            ("transport/unicast/open_timeout", (LONGEST_ATTEMPT.as_millis() as u64).into()),
+            ("transport/unicast/open_timeout", milliseconds(patience.reply() / ATTEMPTS)),
         ];
         let (how, also) = if takes_datagrams(at) {
             (by_datagrams.to_vec(), ", and do datagrams get through")
@@ -157,20 +153,26 @@ impl Engine {
             ("connect/exit_on_failure", true.into()),
             links(at),
         ];
-        let own = own.into_iter().chain(how);
-        knock(at).map_err(|e| failed!("cannot be reached: {e}; is `vamaro-swarm host` running there?"))?;
-        let session = open(own.chain(key));
-        Ok(Engine {
-            session: session
-                .map_err(|e| failed!("does not let us in: is its key the same{}? ({})", also, words(&e)))?,
-        })
+        knock(at, patience.reply())
+            .map_err(|e| failed!("cannot be reached: {e}; is `vamaro-swarm host` running there?"))?;
+        let session = open(patience, own.into_iter().chain(how).chain(key));
+        let session =
+            session.map_err(|e| failed!("does not let us in: is its key the same{also}? ({})", words(&e)))?;
+        Ok(Engine { session, patience })
     }
 
     /// Asks the host something, and sends a policy file with it.
     pub(super) fn ask(&self, question: Vec<u8>, policy: &[u8], longest: Duration) -> Result<Vec<u8>> {
         let asked = self.session.get(QUESTIONS).payload(question).attachment(policy).timeout(longest);
         let answers = asked.wait().map_err(|e| failed!("cannot be asked: {e}"))?;
-        let (silent, deadline) = (|| failed!("does not answer within {longest:?}"), Instant::now() + longest);
+        let deadline = Instant::now() + longest;
+        let silent = || {
+            if Instant::now() < deadline {
+                failed!("cannot be reached any longer")
+            } else {
+                failed!("does not answer within {longest:?}")
+            }
+        };
         while Instant::now() < deadline + SLICE {
             signals::check_stop()?;
             if let Some(reply) = answers.recv_timeout(SLICE).map_err(|_| silent())? {
@@ -306,10 +308,10 @@ impl Inlet {
 }
 
 /// Sees whether somebody listens there, since the engine does not say why it cannot connect.
-fn knock(at: &str) -> std::io::Result<()> {
+fn knock(at: &str, longest: Duration) -> std::io::Result<()> {
     let mut last = std::io::Error::other("it has no address");
     for address in socket_of(at).to_socket_addrs()? {
-        match TcpStream::connect_timeout(&address, LONGEST_CONNECT) {
+        match TcpStream::connect_timeout(&address, longest) {
             Ok(_) => return Ok(()),
             Err(e) => last = e,
         }
@@ -329,22 +331,30 @@ fn links(at: &str) -> (&'static str, Value) {
     ("transport/unicast/max_links", if takes_datagrams(at) { MOST_LINKS } else { 1 }.into())
 }
 
+/// A time, as the engine takes it.
+fn milliseconds(time: Duration) -> Value {
+    (time.as_millis() as u64).into()
+}
+
 /// What the engine says of an error, without the places in its source.
 fn words(e: &zenoh::Error) -> String {
     e.to_string().split(" at /").next().unwrap_or_default().to_owned()
 }
 
 /// Opens a session: nothing is found by itself, nor read from files or the environment.
-fn open(own: impl Iterator<Item = (&'static str, Value)>) -> zenoh::Result<Session> {
+fn open(patience: Patience, own: impl Iterator<Item = (&'static str, Value)>) -> zenoh::Result<Session> {
+    let [silence, reply] = [patience.silence(), patience.reply()];
     let common = [
         ("scouting/multicast/enabled", false.into()),
         ("scouting/gossip/enabled", false.into()),
-        ("transport/link/tx/lease", (LEASE.as_millis() as u64).into()),
+        ("transport/link/tx/lease", milliseconds(silence)),
+        ("transport/unicast/open_timeout", milliseconds(reply)),
+        ("transport/unicast/accept_timeout", milliseconds(reply)),
         ("transport/link/rx/max_message_size", LONGEST_MESSAGE.into()),
         // Who takes nothing for so long is gone as well, us.
         (
             "transport/link/tx/queue/congestion_control/block/wait_before_close",
-            (LEASE.as_micros() as u64).into(),
+            (silence.as_micros() as u64).into(),
         ),
     ];
     let mut config = Config::default();

@@ -10,6 +10,7 @@ use crossbeam::channel::{RecvTimeoutError, bounded};
 use super::engine::{self, Engine};
 use super::key::Key;
 use super::orders::{Answer, Event, Identity, Invitation, Question, plain, say, understand};
+use super::patience::Patience;
 use super::plan::{check_address, is_within_this_machine};
 use super::steward::Steward;
 use crate::base::error::{Error, Result};
@@ -26,7 +27,7 @@ struct Request {
 }
 
 /// Listens at an address until the program is asked to stop, for all that have the key. `tell` is told what happens.
-pub(crate) fn serve(at: &str, key: Option<&Path>, tell: impl Fn(&str)) -> Result<()> {
+pub(crate) fn serve(at: &str, key: Option<&Path>, patience: Patience, tell: impl Fn(&str)) -> Result<()> {
     check_address(at).map_err(|how| usage!("--listen {at}, {how}"))?;
     let key = key.map(Key::read).transpose()?;
     if key.is_none() && !is_within_this_machine(at) {
@@ -34,14 +35,14 @@ pub(crate) fn serve(at: &str, key: Option<&Path>, tell: impl Fn(&str)) -> Result
             "at {at} others could start agents here; give a key with --key FILE, or listen at tcp/127.0.0.1:7447"
         ));
     }
-    let engine = Engine::listen(at, key.as_ref())?;
+    let engine = Engine::listen(at, key.as_ref(), patience)?;
     let (is_busy, (ask, asked)) = (Arc::new(AtomicBool::new(false)), bounded(1));
     let busy = is_busy.clone();
     let _answering = engine.answer(move |question| {
         let asked = understand(&question.bytes());
         let answer = match asked {
             Err(e) => Answer::No(e.to_string()),
-            Ok(Question::Who) => Answer::I(Identity::own()),
+            Ok(Question::Who) => Answer::I(Identity::own(patience)),
             Ok(Question::Join(_)) if busy.swap(true, Ordering::Relaxed) => {
                 Answer::No("it looks after the agents of another swarm".to_owned())
             }

@@ -29,11 +29,12 @@ mod offset;
 mod orders;
 mod outbox;
 mod outgoing;
+mod patience;
 mod plan;
 mod steward;
 mod tally;
 
 pub(crate) use abroad::Hosts;
-pub(crate) use engine::LEASE;
 pub(crate) use listen::serve;
+pub(crate) use patience::Patience;
 pub(crate) use plan::Plan;

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use serde::{Deserialize, Deserializer, Serialize, de::DeserializeOwned};
 
+use super::patience::Patience;
 use super::tally::Tally;
 use crate::agent::process::ProcessSettings;
 use crate::base::error::Result;
@@ -75,15 +76,18 @@ pub(super) struct Identity {
     /// The instructions that networks are computed with. On others, results differ in their last bits.
     #[serde(deserialize_with = "printable")]
     pub(super) instructions: String,
+    /// How long it waits.
+    pub(super) patience: Patience,
 }
 
 impl Identity {
     /// That of this program on this machine.
-    pub(super) fn own() -> Identity {
+    pub(super) fn own(patience: Patience) -> Identity {
         Identity {
             program: env!("CARGO_PKG_VERSION").to_owned(),
             protocol: PROTOCOL,
             instructions: kernels::instruction_set().to_owned(),
+            patience,
         }
     }
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::key::Key;
+use super::patience::Patience;
 use crate::base::error::Result;
 use crate::base::regular;
 use crate::usage;
@@ -19,6 +20,9 @@ const LARGEST: u64 = 1 << 20;
 pub(crate) struct Plan {
     /// The file with the key, as seen from the folder of this one.
     key: Option<PathBuf>,
+    /// How long a host may be silent.
+    #[serde(default)]
+    pub(crate) patience: Patience,
     #[serde(rename = "host", default)]
     pub(super) hosts: Vec<PlannedHost>,
     #[serde(skip)]

@@ -33,12 +33,11 @@ const MOST_LINES: usize = 256;
 /// The longest this sleeps before it looks again.
 const LONGEST_SLEEP: Duration = Duration::from_millis(100);
 
-/// How long the supervisor may take to be there after it has asked.
-const LONGEST_ARRIVAL: Duration = Duration::from_secs(5);
-
 /// What looks after the agents here: on the bus of this machine it is their supervisor, and stands in for all other agents.
 pub(super) struct Steward {
     line: Line,
+    /// How long the supervisor may take to be there after it has asked.
+    arrival: Duration,
     shape: Shape,
     /// The settings of any agent here.
     example: ProcessSettings,
@@ -108,6 +107,7 @@ impl Steward {
         let others = everybody & !own;
         Ok(Steward {
             line: engine.line(line, End::Host, move || bell.ring())?,
+            arrival: engine.patience.arrival(),
             shape: Shape { layout, worlds: example.settings.worlds },
             own: *own,
             running: 0,
@@ -150,7 +150,7 @@ impl Steward {
                     },
                 }
             }
-            if !has_come && began.elapsed() > LONGEST_ARRIVAL {
+            if !has_come && began.elapsed() > self.arrival {
                 return Err(failed!("the supervisor did not come"));
             }
             if wakes {
@@ -309,6 +309,7 @@ mod tests {
     use std::net::TcpListener;
 
     use super::super::orders::secret;
+    use super::super::patience::Patience;
     use super::*;
     use crate::agent::AgentSettings;
     use crate::bus::SwarmAddress;
@@ -317,7 +318,7 @@ mod tests {
     #[test]
     fn a_policy_that_does_not_arrive_whole_is_refused() {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None).unwrap();
+        let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None, Patience::default()).unwrap();
         let settings = AgentSettings::of(Task::parse("hear-see").unwrap().spec());
         let address = SwarmAddress { agents: 2, ..SwarmAddress::of("0123abcd") };
         let example = ProcessSettings {

@@ -3,9 +3,13 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod bad_network;
+mod campaign;
 mod clock;
 mod namespaces;
 mod network;
+mod relay;
+mod strangers;
 
 use std::fs::Permissions;
 use std::io::{BufRead, BufReader};
@@ -32,8 +36,8 @@ fn alone() -> MutexGuard<'static, ()> {
 pub struct Host {
     name: String,
     at: String,
-    /// For supervisors, where it has one.
-    key: Option<PathBuf>,
+    /// What the plan of a supervisor has to say, too, for all hosts.
+    top: String,
     process: Child,
     places: TempDir,
 }
@@ -67,7 +71,7 @@ impl Host {
         }
         // Its words would fill the pipe.
         std::thread::spawn(move || lines.for_each(drop));
-        Ok(Host { name: name.to_owned(), at: at.to_owned(), key: None, process, places })
+        Ok(Host { name: name.to_owned(), at: at.to_owned(), top: String::new(), process, places })
     }
 
     fn pid(&self) -> Pid {
@@ -118,13 +122,20 @@ impl Drop for Host {
     }
 }
 
+/// A key in a folder, whose secret is so many times the same letter.
+fn key(folder: &Path, name: &str, letter: char) -> PathBuf {
+    let path = folder.join(name);
+    std::fs::write(&path, format!("swarm:{}\n", String::from(letter).repeat(32))).unwrap();
+    std::fs::set_permissions(&path, Permissions::from_mode(0o600)).unwrap();
+    path
+}
+
 /// A file for `--hosts`, in a folder.
 fn plan(folder: &Path, hosts: &[&Host], rest: &str) -> PathBuf {
     let entry = |host: &&Host| format!("[[host]]\nname = \"{}\"\nat = \"{}\"\n", host.name, host.at);
-    let key = hosts.iter().find_map(|host| host.key.as_ref());
-    let key = key.map_or(String::new(), |key| format!("key = \"{}\"\n", key.display()));
+    let top = hosts.first().map_or(String::new(), |host| host.top.clone());
     let path = folder.join("hosts.toml");
-    std::fs::write(&path, key + &hosts.iter().map(entry).collect::<String>() + rest).unwrap();
+    std::fs::write(&path, top + &hosts.iter().map(entry).collect::<String>() + rest).unwrap();
     path
 }
 
@@ -133,7 +144,8 @@ fn assert_same_bits(hosts: &[&Host], words: &str, rest: &str) {
     let folder = tempfile::tempdir().unwrap();
     let (here, there) = (folder.path().join("here.json"), folder.path().join("there.json"));
     let plan = plan(folder.path(), hosts, rest);
-    let words = format!("spawn --episodes 3 --seed 5 --audit --deadline 60s {words} --record");
+    let episodes = if words.contains("--episodes") { "" } else { "--episodes 3" };
+    let words = format!("spawn {episodes} --seed 5 --audit --deadline 60s {words} --record");
     succeed(&format!("{words} {}", here.display()));
     succeed(&format!("{words} {} --hosts {}", there.display(), plan.display()));
     let [here, there] = [here, there].map(|path| std::fs::read(path).unwrap());
@@ -241,13 +253,7 @@ fn a_host_is_free_again_if_another_refuses() {
 fn only_who_has_the_key_gets_in() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
-    let key = |name: &str, secret: char| {
-        let path = folder.path().join(name);
-        std::fs::write(&path, format!("swarm:{}\n", String::from(secret).repeat(32))).unwrap();
-        std::fs::set_permissions(&path, Permissions::from_mode(0o600)).unwrap();
-        path
-    };
-    let (right, _wrong) = (key("right.key", 'a'), key("wrong.key", 'b'));
+    let (right, _wrong) = (key(folder.path(), "right.key", 'a'), key(folder.path(), "wrong.key", 'b'));
     let host = Host::start("left", &["--key", right.to_str().unwrap()]);
     let play = |key: &str| {
         let plan = plan(folder.path(), &[&host], "");

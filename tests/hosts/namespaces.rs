@@ -1,69 +1,97 @@
-//! Hosts in network namespaces of their own, joined by a cable.
+//! Hosts in network namespaces of their own, each joined to ours by a cable or by a relay.
 
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::common::PROGRAM;
-use crate::{Host, alone, assert_same_bits};
+use crate::relay::{Manners, Relay};
+use crate::{Host, alone, assert_same_bits, key};
 
 /// A network of its own, and a cable to ours. Dropping it takes both away.
-struct Namespace {
+pub struct Namespace {
     name: String,
     address: String,
+    /// In place of the cable, if there is one.
+    relay: Option<Relay>,
 }
 
 impl Namespace {
-    /// The one with this number, 0 or 1; `None` where this user may not make one.
-    fn new(number: u8) -> Option<Namespace> {
+    /// The one with this number, below 3, at a cable; `None` where this user may not make one.
+    pub fn new(number: u8) -> Option<Namespace> {
+        Namespace::joined(number, |ours, theirs| {
+            ip(&format!("link add {ours} type veth peer name {theirs}")).then_some(None)
+        })
+    }
+
+    /// The same behind a relay.
+    pub fn behind(number: u8, manners: Manners) -> Option<Namespace> {
+        Namespace::joined(number, |ours, theirs| Relay::new([ours, theirs], manners).map(Some))
+    }
+
+    /// Has `join` make two devices that are joined.
+    fn joined(number: u8, join: impl FnOnce(&str, &str) -> Option<Option<Relay>>) -> Option<Namespace> {
         // Another run of the tests has another process id, and so other names and addresses.
         let process = std::process::id();
-        let name = format!("vs-{process}-{number}");
-        let (ours, theirs) = (format!("vs{}a{number}", process % 100_000), "eth0");
-        let network = format!("10.{}.{}", process / 100 % 250 + 1, process % 100 * 2 + u32::from(number));
+        let [ours, theirs] = ["a", "b"].map(|end| format!("vs{}{end}{number}", process % 100_000));
+        let network = format!("10.{}.{}", process / 80 % 250 + 1, process % 80 * 3 + u32::from(number));
         let (gateway, address) = (format!("{network}.1"), format!("{network}.2"));
-        let namespace = Namespace { name: name.clone(), address: address.clone() };
+        let name = format!("vs-{process}-{number}");
+        if !ip(&format!("netns add {name}")) {
+            return None;
+        }
+        let mut namespace = Namespace { name: name.clone(), address: address.clone(), relay: None };
+        namespace.relay = join(&ours, &theirs)?;
         let words = [
-            format!("netns add {name}"),
-            format!("link add {ours} type veth peer name {theirs} netns {name}"),
+            format!("link set {theirs} netns {name} name eth0"),
             format!("addr add {gateway}/30 dev {ours}"),
             format!("link set {ours} up"),
-            format!("-n {name} addr add {address}/30 dev {theirs}"),
-            format!("-n {name} link set {theirs} up"),
+            format!("-n {name} addr add {address}/30 dev eth0"),
+            format!("-n {name} link set eth0 up"),
             format!("-n {name} link set lo up"),
         ];
         words.iter().all(|words| ip(words)).then_some(namespace)
+    }
+
+    pub fn relay(&self) -> &Relay {
+        self.relay.as_ref().expect("it is behind one")
+    }
+
+    /// Starts a host in it, with a key from this folder and this patience.
+    pub fn start(&self, name: &str, folder: &Path, patience: &str) -> Host {
+        let mut command = Command::new("ip");
+        command.args(["netns", "exec", &self.name, PROGRAM]);
+        let (at, key) = (format!("tcp/{}:7447", self.address), key(folder, "key", 'k'));
+        let more = ["--key", key.to_str().unwrap(), "--patience", patience];
+        let mut host = Host::start_at(command, name, &at, &more).unwrap();
+        host.top = format!("key = \"{}\"\npatience = \"{patience}\"\n", key.display());
+        host
     }
 }
 
 impl Drop for Namespace {
     fn drop(&mut self) {
-        // The cable goes with it.
+        // The devices go with it.
         ip(&format!("netns del {}", self.name));
     }
 }
 
+/// Runs a command of `ip`; whether it could.
 fn ip(words: &str) -> bool {
     let status = Command::new("ip").args(words.split(' ')).stderr(Stdio::null()).status();
     status.is_ok_and(|status| status.success())
 }
 
+/// Says that a test cannot run here.
+pub fn skipped() {
+    eprintln!("skipped: this user may not make network namespaces");
+}
+
 #[test]
 fn hosts_in_namespaces_play_as_one_machine_does() {
     let _alone = alone();
-    let (Some(first), Some(second)) = (Namespace::new(0), Namespace::new(1)) else {
-        return eprintln!("skipped: this user may not make network namespaces");
-    };
+    let (Some(first), Some(second)) = (Namespace::new(0), Namespace::new(1)) else { return skipped() };
     let folder = tempfile::tempdir().unwrap();
-    let key = folder.path().join("key");
-    std::fs::write(&key, format!("swarm:{}\n", "k".repeat(32))).unwrap();
-    std::fs::set_permissions(&key, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
-    let start = |namespace: &Namespace, name: &str| {
-        let mut command = Command::new("ip");
-        command.args(["netns", "exec", &namespace.name, PROGRAM]);
-        let at = format!("tcp/{}:7447", namespace.address);
-        let mut host = Host::start_at(command, name, &at, &["--key", key.to_str().unwrap()]).unwrap();
-        host.key = Some(key.clone());
-        host
-    };
+    let start = |namespace: &Namespace, name| namespace.start(name, folder.path(), "2s");
     let (first, second) = (start(&first, "first"), start(&second, "second"));
     assert_same_bits(&[&first, &second], "--agents 4 --p 0.4", "");
 }

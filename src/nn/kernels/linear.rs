@@ -32,6 +32,9 @@ pub(super) struct Linear<'a, W> {
 /// next: a panel of weights stays in the core's own cache (256 KiB at k = 256 and 16 lanes).
 const PANEL: usize = 16;
 
+/// So many inputs of a single row are looked at together.
+const BLOCK: usize = 512;
+
 impl<'a, W> Linear<'a, W> {
     /// Checks the shapes; `None` when there is nothing to compute.
     pub(super) fn new(
@@ -54,18 +57,14 @@ impl<'a, W> Linear<'a, W> {
         Some(Linear { rows, k, n, x, weight, start, y })
     }
 
-    /// One row, two inputs at a time: the outputs of all whole tiles of `V` vectors. Returns the first column
-    /// that is not among them.
+    /// One row: the outputs of all whole tiles of `V` vectors. Returns the first column that is not among them.
     ///
-    /// The weights are read from front to back, in two runs side by side, and sums wait in `y` for the next inputs.
-    /// Out of the L3 cache that is quicker than panels, which read a part of each row and skip the rest.
+    /// Inputs that are zero, half of what a ReLU says, add nothing, and their weights are not read.
     #[inline(always)]
-    fn pairs<S: Load<W>, const V: usize>(&mut self, simd: S) -> usize {
+    fn one_row<S: Load<W>, const V: usize>(&mut self, simd: S) -> usize {
         let (n, width) = (self.n, V * S::F32_LANES);
         let end = n - n % width;
-        let (pairs, odd) = self.x.as_chunks::<2>();
-        // A single tile is read from front to back anyway, and its sums stay in registers.
-        if self.rows > 1 || end <= width || !odd.is_empty() {
+        if self.rows > 1 || end == 0 {
             return 0;
         }
         let y = &mut self.y[..end];
@@ -74,19 +73,29 @@ impl<'a, W> Linear<'a, W> {
             Start::Output => {}
             Start::Zero => y.fill(0.0),
         }
-        for (x, weights) in pairs.iter().zip(self.weight.chunks_exact(2 * n)) {
-            let x = x.map(|x| simd.splat_f32s(x));
-            for (tile, y) in y.chunks_exact_mut(width).enumerate() {
-                let y = S::as_mut_simd_f32s(y).0;
-                let y: &mut [S::f32s; V] = y.try_into().expect("the slice is V vectors wide");
-                let mut sums = *y;
-                for (x, weights) in x.iter().zip(weights.chunks_exact(n)) {
-                    let weights = weights[tile * width..][..width].chunks_exact(S::F32_LANES);
-                    for (sum, weights) in sums.iter_mut().zip(weights) {
-                        *sum = simd.mul_add_e_f32s(*x, simd.load(weights), *sum);
-                    }
+        for (x, weight) in self.x.chunks(BLOCK).zip(self.weight.chunks(BLOCK * n)) {
+            let (mut live, mut len) = ([0; BLOCK], 0);
+            for (at, x) in x.iter().enumerate() {
+                live[len] = at as u16;
+                len += usize::from(*x != 0.0);
+            }
+            let row = |at: u16| (simd.splat_f32s(x[usize::from(at)]), &weight[usize::from(at) * n..][..n]);
+            let live = &live[..len];
+            if end == width {
+                add_rows::<W, S, V>(simd, live.iter().map(|at| row(*at)), 0, y);
+                continue;
+            }
+            // Two inputs at a time: the weights are read in two runs side by side, and sums wait in `y` for the next inputs.
+            // Out of the L3 cache that is quicker than panels, which read a part of each row and skip the rest.
+            let (pairs, odd) = live.as_chunks::<2>();
+            for pair in pairs {
+                let rows = pair.map(row);
+                for (tile, y) in y.chunks_exact_mut(width).enumerate() {
+                    add_rows::<W, S, V>(simd, rows.iter().copied(), tile, y);
                 }
-                *y = sums;
+            }
+            for (tile, y) in y.chunks_exact_mut(width).enumerate() {
+                add_rows::<W, S, V>(simd, odd.iter().map(|at| row(*at)), tile, y);
             }
         }
         end
@@ -172,6 +181,26 @@ impl<'a, W> Linear<'a, W> {
     }
 }
 
+/// Adds what some inputs make of their weights, given row by row, to the outputs `y` of a tile of `V` vectors.
+#[inline(always)]
+fn add_rows<'a, W: 'a, S: Load<W>, const V: usize>(
+    simd: S,
+    rows: impl Iterator<Item = (S::f32s, &'a [W])>,
+    tile: usize,
+    y: &mut [f32],
+) {
+    let y = S::as_mut_simd_f32s(y).0;
+    let y: &mut [S::f32s; V] = y.try_into().expect("the slice is V vectors wide");
+    let (mut sums, width) = (*y, V * S::F32_LANES);
+    for (x, weights) in rows {
+        let weights = weights[tile * width..][..width].chunks_exact(S::F32_LANES);
+        for (sum, weights) in sums.iter_mut().zip(weights) {
+            *sum = simd.mul_add_e_f32s(x, simd.load(weights), *sum);
+        }
+    }
+    *y = sums;
+}
+
 impl<W> Linear<'_, W> {
     /// All outputs.
     #[inline(always)]
@@ -179,7 +208,7 @@ impl<W> Linear<'_, W> {
         // Tiles of as many sums as there are registers for. A single row is about reading memory: its tiles
         // are as wide as they can be, so that weights are read in long runs.
         let wide = S::REGISTER_COUNT >= 32;
-        let first = if wide { self.pairs::<S, 16>(simd) } else { self.pairs::<S, 8>(simd) };
+        let first = if wide { self.one_row::<S, 16>(simd) } else { self.one_row::<S, 8>(simd) };
         for from in (first..self.n).step_by(PANEL * S::F32_LANES) {
             let to = self.n.min(from + PANEL * S::F32_LANES);
             let mut row = 0;
