@@ -18,7 +18,7 @@ use vamaro_swarm::bus::{
 };
 use vamaro_swarm::environment::{Outcome, Task};
 use vamaro_swarm::link::{LinkSpec, Links};
-use vamaro_swarm::nn::{ActorKind, Dims, Networks, Policy, Scratch, Sharing};
+use vamaro_swarm::nn::{ActorKind, Dims, Input, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
     Audit, Conduct, Decisions, InProcess, Ledger, Order, Processes, Session, Stage, Team, Tick,
 };
@@ -88,8 +88,11 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         n_actions: 5,
         agents: Vec::new(),
     };
-    for (actor, sharing) in [(ActorKind::Mlp, Sharing::Separate), (ActorKind::Gru, Sharing::Shared)] {
-        let networks = Networks { sharing, ..Networks::paper(actor) };
+    let all = vec![Input::Estimate, Input::Delivered, Input::Age];
+    for (actor, sharing, actor_inputs) in
+        [(ActorKind::Mlp, Sharing::Separate, vec![Input::Estimate]), (ActorKind::Gru, Sharing::Shared, all)]
+    {
+        let networks = Networks { sharing, actor_inputs, ..Networks::paper(actor) };
         let policy = Policy::untrained(&dims, 1, networks).unwrap();
         let (actor, predictor) = (policy.actor(3), policy.predictor("value-aware").unwrap());
         let rows = 10;
@@ -98,6 +101,7 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         let (mut logits, mut out) = (vec![0.0; rows * dims.n_actions], vec![0.0; rows * 2 * dims.predicted]);
         let mut scratch = Scratch::default();
         let mut tick = || {
+            memory.hear(rows - 1, 0, None);
             actor.step(rows, &inputs, &[], &mut memory, &mut scratch, &mut logits).unwrap();
             actor.prepare(rows, &mut memory);
             predictor.step(rows, &inputs, &[], &mut state, &mut scratch, &mut out);

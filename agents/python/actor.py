@@ -19,6 +19,8 @@ class PolicyActor:
             about = json.loads(file.read(int.from_bytes(file.read(8), "little")))
             values = file.read()
         kind = about.pop("__metadata__")
+        if "actor_inputs" in kind:
+            sys.exit(f"error: the actors of {path} see more than joint estimates; only the swarm's own agents run these")
         shared = kind["sharing"] == "shared"
         prefix = "actors.shared." if shared else f"actors.{agent}."
         self.tensors = {

@@ -77,8 +77,8 @@ impl AgentSettings {
     }
 }
 
-/// One agent in a number of parallel worlds. It never knows whether a part of the joint observation
-/// was received or imputed.
+/// One agent in a number of parallel worlds. Unless its actor sees what arrived, it never knows whether a part of the joint
+/// observation was received or imputed.
 #[derive(Debug)]
 pub struct Agent {
     index: usize,
@@ -128,6 +128,9 @@ impl Agent {
             Setup { spec: &spec, policy, agent: index, worlds, seed, longest_delay: longest_age, greedy };
         let actor = policy.actor(index).clone();
         let (imputer, truth) = Truth::split(&settings.imputer);
+        if truth.is_some() {
+            Truth::check_actors(policy)?;
+        }
         Ok(Agent {
             index,
             greedy,
@@ -210,6 +213,10 @@ impl Agent {
         let joint = self.spec.joint_dim();
         let estimate = &mut self.estimates[world * joint..(world + 1) * joint];
         self.imputer.fuse(world, own, inbox, estimate);
+        for sender in 0..self.spec.n_agents() {
+            let age = inbox.from(sender).map(|received| received.age);
+            self.state.hear(world, sender, if sender == self.index { Some(0) } else { age });
+        }
     }
 
     /// Whether it is to be told, after [`Agent::fuse`], what its peers observe, whatever their links make of it.

@@ -12,6 +12,7 @@ use serde::{Serialize, Serializer};
 use super::Inbox;
 use crate::base::error::Result;
 use crate::environment::{About, Spec};
+use crate::nn::Policy;
 use crate::{failed, usage};
 
 /// What stands in the name of every oracle, between that of its imputer and what it knows.
@@ -65,6 +66,20 @@ impl Truth {
         Err(usage!(
             "the `Spec` of {} says of no observed value that it is about {state}, so no oracle can know it",
             spec.id
+        ))
+    }
+
+    /// Whether agents of a policy can be told any truth.
+    ///
+    /// # Errors
+    /// `Usage` if not: what their actors see of what arrived would call it lost or old.
+    pub fn check_actors(policy: &Policy) -> Result<()> {
+        if !policy.networks().actors_have_senses() {
+            return Ok(());
+        }
+        Err(usage!(
+            "an oracle puts the truth into estimates, and the actors of this policy also see what arrived and how old it \
+             is, which would still call the truth lost; take a policy whose actors see the estimate alone"
         ))
     }
 

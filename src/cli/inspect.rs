@@ -77,7 +77,8 @@ fn policy(path: &Path) -> Result<Content> {
     let actors = (!is_imputer).then_some((networks.actor, networks.sharing, networks.hidden));
     let (kind, actor) = match actors {
         Some((actor, sharing, hidden)) => {
-            let about = file.onnx.as_ref().map_or_else(|| format!("hidden {hidden}"), onnx_words);
+            let network = || format!("hidden {hidden}{}", senses_words(&networks.actor_inputs));
+            let about = file.onnx.as_ref().map_or_else(network, onnx_words);
             ("policy", format!("{actor}, {sharing}, {about}"))
         }
         None => ("imputer", "none: the team acts elsewhere".to_owned()),
@@ -92,13 +93,15 @@ fn policy(path: &Path) -> Result<Content> {
         .map(|(name, bytes)| vec![name.clone(), "ONNX".to_owned(), format!("{} bytes", bytes.len())]);
     let rows = table(&["tensor", "shape", "values"], rows.chain(graphs));
     let predictors: Vec<String> = networks.predictors.iter().map(predictor_words).collect();
+    let imputer = meta.imputer.as_ref().map(|name| format!("imputer     {name}, as in training\n"));
     let text = format!(
-        "{kind} for {}\nalgorithm   {}\norigin      {}\nwritten by  {}\nactor       {actor}\n\
+        "{kind} for {}\nalgorithm   {}\norigin      {}\nwritten by  {}\nactor       {actor}\n{}\
          predictors  {}\ndynamics    {}\nparameters  {parameters}\n\n{rows}",
         meta.task,
         training_words(meta),
         meta.origin,
         meta.program,
+        imputer.unwrap_or_default(),
         if predictors.is_empty() { "none".to_owned() } else { predictors.join(", ") },
         if file.dynamics.is_some() { "fitted" } else { "none" },
     );
@@ -121,6 +124,12 @@ fn policy(path: &Path) -> Result<Content> {
     });
     if let Some(onnx) = &file.onnx {
         json["onnx"] = json!(onnx);
+    }
+    if networks.actor_inputs.len() > 1 {
+        json["actor_inputs"] = json!(networks.actor_inputs);
+    }
+    if let Some(imputer) = &meta.imputer {
+        json["imputer"] = json!(imputer);
     }
     Ok(Content { text, json })
 }
@@ -151,19 +160,22 @@ fn training_words(meta: &Meta) -> String {
 
 fn predictor_words(predictor: &PredictorSpec) -> String {
     let PredictorSpec { name, hidden, .. } = predictor;
-    let sees: String = predictor.inputs[1..]
-        .iter()
-        .map(|input| match input {
-            Input::Estimate => "",
-            Input::Delivered => ", sees what arrives",
-            Input::Age => ", sees ages",
-            Input::Innovation => ", sees innovations",
-            Input::OwnAction => ", sees the own action",
-        })
-        .collect();
+    let sees = senses_words(&predictor.inputs);
     let skip = if predictor.skip { ", skip" } else { "" };
     let sigma = if predictor.sigma == Sigma::SoftBounded { ", soft-bounded sigma" } else { "" };
     format!("{name} (hidden {hidden}{sees}{skip}{sigma})")
+}
+
+/// What a network sees more than estimates.
+fn senses_words(inputs: &[Input]) -> String {
+    let words = inputs.iter().map(|input| match input {
+        Input::Estimate => "",
+        Input::Delivered => ", sees what arrives",
+        Input::Age => ", sees ages",
+        Input::Innovation => ", sees innovations",
+        Input::OwnAction => ", sees the own action",
+    });
+    words.collect()
 }
 
 fn checkpoint(checkpoint: &Checkpoint) -> Content {

@@ -1,7 +1,7 @@
 //! The policy file, version 1: safetensors with a description in its metadata. See `docs/policy-file.md`.
 
 use super::meta::Meta;
-use super::networks::{ActorKind, Networks, PredictorSpec};
+use super::networks::{ActorKind, Input, Networks, PredictorSpec};
 use super::onnx::{Description, LARGEST_GRAPH, OnnxSpec};
 use super::weights::Line;
 use crate::base::error::{Error, Result};
@@ -108,7 +108,7 @@ impl PolicyFile {
         let none = HashMap::new();
         let words = Words { words: content.metadata().as_ref().unwrap_or(&none), source };
         let (meta, networks) = words.read()?;
-        let (dynamics, given) = (words.dynamics("dynamics")?, words.dynamics("given")?);
+        let (dynamics, given) = (words.json("dynamics")?, words.json("given")?);
         let onnx = match networks.actor {
             ActorKind::Onnx => Some(OnnxSpec::from_json(words.text("onnx")?, source)?),
             ActorKind::Mlp | ActorKind::Gru => None,
@@ -305,6 +305,10 @@ fn words(about: &About) -> BTreeMap<&'static str, String> {
         ("hidden", networks.hidden.to_string()),
         ("predictors", json!(networks.predictors).to_string()),
     ]);
+    if networks.actors_have_senses() {
+        words.insert("actor_inputs", json!(networks.actor_inputs).to_string());
+    }
+    words.extend(meta.imputer.iter().map(|imputer| ("imputer", imputer.clone())));
     words.extend(dynamics.map(|dynamics| ("dynamics", json!(dynamics).to_string())));
     words.extend(given.map(|given| ("given", json!(given).to_string())));
     words.extend(onnx.map(|onnx| ("onnx", json!(onnx).to_string())));
@@ -338,13 +342,16 @@ impl Words<'_> {
             seed: self.number("seed")?,
             program: self.text("program")?.to_string(),
             origin: self.text("origin")?.to_string(),
+            imputer: self.words.get("imputer").cloned(),
         };
         let predictors: Vec<PredictorSpec> = serde_json::from_str(self.text("predictors")?)
             .map_err(|error| failed!("{source}: cannot read `predictors` in its metadata: {error}"))?;
+        let actor_inputs: Option<Vec<Input>> = self.json("actor_inputs")?;
         let networks = Networks {
             actor: self.actor()?,
             sharing: self.variant("sharing")?,
             hidden: self.number("hidden")?.try_into().unwrap_or(usize::MAX),
+            actor_inputs: actor_inputs.unwrap_or_else(|| vec![Input::Estimate]),
             predictors,
         };
         networks.check().map_err(|error| failed!("{source}: {error}"))?;
@@ -358,10 +365,11 @@ impl Words<'_> {
         }
     }
 
-    fn dynamics(&self, key: &str) -> Result<Option<Dynamics>> {
+    /// What is not in every file.
+    fn json<T: DeserializeOwned>(&self, key: &str) -> Result<Option<T>> {
         let read = |text: &String| serde_json::from_str(text);
-        let dynamics = self.words.get(key).map(read).transpose();
-        dynamics.map_err(|error| failed!("{}: cannot read `{key}` in its metadata: {error}", self.source))
+        let found = self.words.get(key).map(read).transpose();
+        found.map_err(|error| failed!("{}: cannot read `{key}` in its metadata: {error}", self.source))
     }
 
     fn text(&self, key: &str) -> Result<&str> {

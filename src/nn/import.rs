@@ -40,7 +40,7 @@ pub fn import(agents: &Path, predictors: &[(String, PathBuf)], dims: &Dims, meta
         specs.push(PredictorSpec { hidden: dict.length("linear_1.bias")?, ..PredictorSpec::paper(name) });
         dicts.push((format!("predictors.{name}."), dict));
     }
-    let networks = Networks { actor, sharing, hidden, predictors: specs };
+    let networks = Networks { sharing, hidden, predictors: specs, ..Networks::paper(actor) };
     networks.check().map_err(|error| crate::usage!("cannot import {}: {error}", agents.display()))?;
 
     let mut values = Vec::new();

@@ -15,6 +15,9 @@ pub struct Meta {
     pub program: String,
     /// Anything else that a reader should know.
     pub origin: String,
+    /// What completed the estimates that its actors learned from, by name, if it says so: those that see what arrived have
+    /// learned how far to trust that.
+    pub imputer: Option<String>,
 }
 
 impl Meta {
@@ -30,6 +33,7 @@ impl Meta {
             seed,
             program: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_string(),
             origin: "untrained".to_string(),
+            imputer: None,
         }
     }
 }

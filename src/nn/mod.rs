@@ -25,6 +25,7 @@ mod policy;
 mod predictor;
 #[cfg(feature = "candle")]
 pub mod reference;
+mod senses;
 #[cfg(feature = "candle")]
 mod state_dict;
 #[cfg(test)]
@@ -48,6 +49,7 @@ pub use onnx::{Choice, Normalisation, OnnxSpec, Said, Seen};
 pub(crate) use onnx::{Description, Files};
 pub use policy::Policy;
 pub use predictor::{Predictor, PredictorState};
+pub(crate) use senses::Senses;
 pub use weights::Tensor;
 pub(crate) use weights::{Aligned, Line};
 

@@ -29,6 +29,8 @@ pub struct Networks {
     pub sharing: Sharing,
     /// The hidden size of the actors.
     pub hidden: usize,
+    /// What the actors see, in this order: the estimate, and perhaps what arrived and how old that is.
+    pub actor_inputs: Vec<Input>,
     /// The predictors.
     pub predictors: Vec<PredictorSpec>,
 }
@@ -96,7 +98,7 @@ pub struct PredictorSpec {
     pub skip: bool,
 }
 
-/// A part of what a predictor sees. They stand in this order.
+/// A part of what a predictor sees, or an actor. They stand in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Input {
@@ -184,7 +186,13 @@ impl Networks {
     /// called `value-aware`.
     pub fn paper(actor: ActorKind) -> Networks {
         let predictors = vec![PredictorSpec::paper("value-aware")];
-        Networks { actor, sharing: Sharing::Separate, hidden: 256, predictors }
+        let (sharing, actor_inputs) = (Sharing::Separate, vec![Input::Estimate]);
+        Networks { actor, sharing, hidden: 256, actor_inputs, predictors }
+    }
+
+    /// Whether the actors see more than estimates.
+    pub(crate) fn actors_have_senses(&self) -> bool {
+        self.actor_inputs != [Input::Estimate]
     }
 
     /// Every tensor of a policy for `dims`: actors by agent, then predictors, each from input to output.
@@ -214,10 +222,11 @@ impl Networks {
         }
     }
 
-    /// The actor of this agent, from the joint estimate, and an id where all share it, to logits:
-    /// `fc1 -> { fc2 | gru } -> out`.
+    /// The actor of this agent, from the joint estimate, what it hears if it sees that, and an id where all share it, to
+    /// logits: `fc1 -> { fc2 | gru } -> out`.
     pub fn actor(&self, agent: usize, dims: &Dims) -> Network {
-        let (hidden, inputs, ones) = (self.hidden, dims.joint, self.sharing.id_len(dims));
+        let (hidden, ones) = (self.hidden, self.sharing.id_len(dims));
+        let inputs = self.actor_inputs.iter().map(|input| input.width(dims)).sum();
         let (name, number) = match self.sharing {
             Sharing::Separate => (format!("actors.{agent}"), agent),
             Sharing::Shared => ("actors.shared".to_string(), 0),
@@ -238,8 +247,17 @@ impl Networks {
             1..=MAX_HIDDEN => Ok(()),
             _ => Err(format!("the hidden size of {what} is {size}, expected 1 to {MAX_HIDDEN}")),
         };
-        if self.actor != ActorKind::Onnx {
-            hidden("the actors", self.hidden)?;
+        match self.actor {
+            ActorKind::Mlp | ActorKind::Gru => {
+                hidden("the actors", self.hidden)?;
+                check_actor_inputs(&self.actor_inputs)?;
+            }
+            ActorKind::Onnx if self.actors_have_senses() => {
+                return Err(
+                    "actors of ONNX files see what their description says, and no `actor_inputs`".to_string()
+                );
+            }
+            ActorKind::Onnx => {}
         }
         for (at, predictor) in self.predictors.iter().enumerate() {
             let name = &predictor.name;
@@ -303,18 +321,35 @@ impl PredictorSpec {
     /// predicted dim: `fc1 -> lstm -> out`, and a skip if it has one.
     pub fn network(&self, dims: &Dims) -> Network {
         let (hidden, outputs) = (self.hidden, 2 * dims.predicted);
-        let inputs = self.inputs.iter().map(|input| match input {
-            Input::Estimate => dims.joint,
-            Input::Delivered | Input::Age => dims.n_agents,
-            Input::Innovation => dims.predicted,
-            Input::OwnAction => 0,
-        });
-        let inputs: usize = inputs.sum();
+        let inputs: usize = self.inputs.iter().map(|input| input.width(dims)).sum();
         let ones = if self.sees_own_action() { dims.n_agents * dims.n_actions } else { 0 };
         let first = Layer::relu("fc1", inputs + ones, hidden);
         let mut layers = vec![first, Layer::Lstm(hidden), Layer::linear("out", hidden, outputs)];
         layers.extend(self.skip.then_some(Layer::Skip { inputs: inputs + ones, outputs }));
         Network { name: format!("predictors.{}", self.name), number: MAX_AGENTS, inputs, ones, layers }
+    }
+}
+
+impl Input {
+    /// How many values it has. The own action is a one-hot behind all values, and has none.
+    fn width(self, dims: &Dims) -> usize {
+        match self {
+            Input::Estimate => dims.joint,
+            Input::Delivered | Input::Age => dims.n_agents,
+            Input::Innovation => dims.predicted,
+            Input::OwnAction => 0,
+        }
+    }
+}
+
+/// Says what is wrong with what actors see.
+fn check_actor_inputs(inputs: &[Input]) -> Result<(), String> {
+    use Input::{Age, Delivered, Estimate};
+    match inputs {
+        [Estimate] | [Estimate, Delivered] | [Estimate, Age] | [Estimate, Delivered, Age] => Ok(()),
+        _ => Err("the actors see `estimate` first, and may see `delivered` and `age` behind it, in this order; set \
+                  `actor_inputs`"
+            .to_string()),
     }
 }
 

@@ -8,6 +8,7 @@ use super::network::{Network, TensorSpec};
 use super::networks::{ActorKind, Networks, Sharing};
 use super::onnx::{Choice, Description, Graphs};
 use super::predictor::Predictor;
+use super::senses::Senses;
 use super::weights::{Storage, Tensor};
 use super::{Dims, PredictorSpec};
 use crate::base::error::Result;
@@ -323,10 +324,12 @@ impl Policy {
         self.copy_values(&mut values);
         let meta = self.meta();
         // As they are in policy files, which stay readable: what counts is not how this version spells it in memory.
-        let Networks { actor, sharing, hidden, predictors } = self.networks();
+        let Networks { actor, sharing, hidden, predictors, actor_inputs } = self.networks();
         let networks = json!([actor, sharing, hidden, predictors, self.dynamics()]);
+        let inputs = self.networks.actors_have_senses().then(|| json!(actor_inputs).to_string());
         let onnx = self.graphs.as_ref().map(|graphs| json!(graphs.spec).to_string()).unwrap_or_default();
-        let words = format!("{} {} {networks}{onnx}", meta.task, meta.algorithm);
+        let words =
+            format!("{} {} {networks}{}{onnx}", meta.task, meta.algorithm, inputs.unwrap_or_default());
         let graphs = self.graphs.iter().flat_map(Graphs::files).flatten();
         let bytes = words.as_bytes().iter().chain(bytemuck::cast_slice(&values)).chain(graphs);
         format!("{:016x}", fnv1a(bytes.copied()))
@@ -453,7 +456,8 @@ impl Policy {
             Some(graphs) => graphs.actor(agent, dims, source).map(Actor::from),
             None => {
                 let id = (networks.sharing == Sharing::Shared).then_some(agent);
-                Ok(inference(networks.actor(agent, dims), id).into())
+                let senses = Senses::of(&networks.actor_inputs, dims.n_agents);
+                Ok(Actor::of_network(inference(networks.actor(agent, dims), id), senses))
             }
         };
         let predictor = |spec: &PredictorSpec| Predictor {

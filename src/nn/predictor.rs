@@ -4,6 +4,7 @@ use super::Dims;
 use super::file::Precision;
 use super::inference::{Inference, NetworkState, Scratch};
 use super::networks::{Input, PredictorSpec};
+use super::senses::Hearing;
 use super::weights::{Storage, Tensor};
 use std::sync::Arc;
 
@@ -22,26 +23,14 @@ pub struct PredictorState {
     network: NetworkState,
     /// The numbers of agents and of predicted dims, if it sees more than estimates and actions.
     sizes: Option<(usize, usize)>,
-    /// What was heard, `[rows, agents]`.
-    heard: Vec<Heard>,
+    /// Of no agent, unless it sees that.
+    hearing: Hearing,
     /// What it expected of the step under way, `[rows, predicted]`; nothing in the first one.
     expected: Vec<f32>,
     expects: bool,
     /// What it saw last, `[rows, inputs]`.
     seen: Vec<f32>,
 }
-
-/// What was heard of an agent.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Heard {
-    /// Whether something arrived in this step.
-    now: bool,
-    /// How many steps ago what arrived last was made; before anything has, how many there have been.
-    age: u32,
-}
-
-/// An age of so many steps is seen as 1: the episodes of the paper's tasks are as long.
-const AGE_UNIT: f32 = 25.0;
 
 impl Predictor {
     /// A predictor with these values: those of its tensors, one after the other.
@@ -67,10 +56,11 @@ impl Predictor {
 
     /// The state in which `rows` episodes start: zero.
     pub fn state(&self, rows: usize) -> PredictorState {
+        let sizes = self.spec.has_senses().then_some((self.dims.n_agents, self.dims.predicted));
         let mut state = PredictorState {
             network: self.network.state(0),
-            sizes: self.spec.has_senses().then_some((self.dims.n_agents, self.dims.predicted)),
-            heard: Vec::new(),
+            sizes,
+            hearing: Hearing::of(sizes.unwrap_or_default().0),
             expected: Vec::new(),
             expects: false,
             seen: Vec::new(),
@@ -115,18 +105,17 @@ impl Predictor {
 
     /// Puts together what it sees, if that is more than estimates and actions.
     fn see(&self, rows: usize, estimates: &[f32], state: &mut PredictorState) {
-        let PredictorState { sizes: Some((agents, predicted)), heard, expected, expects, seen, .. } = state
+        let PredictorState { sizes: Some((_, predicted)), hearing, expected, expects, seen, .. } = state
         else {
             return;
         };
-        let heard = heard.chunks_exact(*agents).zip(expected.chunks_exact(*predicted));
+        let estimates = estimates.chunks_exact(self.dims.joint).zip(expected.chunks_exact(*predicted));
         seen.clear();
-        for (estimate, (heard, expected)) in estimates.chunks_exact(self.dims.joint).zip(heard).take(rows) {
+        for (row, (estimate, expected)) in estimates.take(rows).enumerate() {
             for input in &self.spec.inputs {
                 match input {
                     Input::Estimate => seen.extend_from_slice(estimate),
-                    Input::Delivered => seen.extend(heard.iter().map(|heard| f32::from(u8::from(heard.now)))),
-                    Input::Age => seen.extend(heard.iter().map(|heard| heard.age as f32 / AGE_UNIT)),
+                    Input::Delivered | Input::Age => hearing.show(row, *input, seen),
                     Input::Innovation if *expects => {
                         seen.extend(estimate.iter().zip(expected).map(|(value, expected)| value - *expected));
                     }
@@ -150,11 +139,10 @@ impl Predictor {
 impl PredictorState {
     /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
     pub fn start(&mut self, rows: usize) {
-        let PredictorState { network, sizes, heard, expected, expects, .. } = self;
+        let PredictorState { network, sizes, hearing, expected, expects, .. } = self;
         network.start(rows);
-        let (agents, predicted) = sizes.unwrap_or_default();
-        heard.clear();
-        heard.resize(rows * agents, Heard::default());
+        hearing.start(rows);
+        let (_, predicted) = sizes.unwrap_or_default();
         expected.clear();
         expected.resize(rows * predicted, 0.0);
         *expects = false;
@@ -163,15 +151,15 @@ impl PredictorState {
     /// What arrives in this step, in a row, of what an agent observed: how many steps ago, if anything does. Of itself an
     /// agent hears in every step.
     pub fn hear(&mut self, row: usize, agent: usize, age: Option<u8>) {
-        let Some((agents, _)) = self.sizes else { return };
-        let heard = &mut self.heard[row * agents + agent];
-        *heard = Heard { now: age.is_some(), age: age.map_or(heard.age + 1, u32::from) };
+        if self.sizes.is_some() {
+            self.hearing.hear(row, agent, age);
+        }
     }
 
     /// Becomes what `other` is, a state of the same predictor. Allocates only for more rows than ever before.
     pub(crate) fn copy_from(&mut self, other: &PredictorState) {
         self.network.copy_from(&other.network);
-        self.heard.clone_from(&other.heard);
+        self.hearing.copy_from(&other.hearing);
         self.expected.clone_from(&other.expected);
         self.expects = other.expects;
     }

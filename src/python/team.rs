@@ -47,8 +47,8 @@ impl Team {
     #[new]
     #[pyo3(signature = (name, task, greedy))]
     fn new(py: Python, name: &str, task: Option<&str>, greedy: bool) -> PyResult<Team> {
-        let (spec, policy) = load(name, task).map_err(|error| raised(py, error))?;
-        Ok(Team::of(spec, &policy, greedy))
+        let loaded = load(name, task).and_then(|(spec, policy)| Team::of(name, spec, &policy, greedy));
+        loaded.map_err(|error| raised(py, error))
     }
 
     /// That of a policy file or a description of ONNX files, for an environment that lives in Python: its agents, with how many
@@ -68,7 +68,7 @@ impl Team {
                 agent.actions = ActionSpace::Discrete(choices);
             }
             let policy = policy_source(name, 0)?.load(&spec)?;
-            Ok(Team::of(spec, &policy, greedy))
+            Team::of(name, spec, &policy, greedy)
         };
         loaded().map_err(|error| raised(py, error))
     }
@@ -114,7 +114,13 @@ impl Team {
 }
 
 impl Team {
-    fn of(spec: Spec, policy: &Policy, greedy: bool) -> Team {
+    fn of(name: &str, spec: Spec, policy: &Policy, greedy: bool) -> Result<Team> {
+        if policy.networks().actors_have_senses() {
+            return Err(usage!(
+                "{name}: its actors see more than joint estimates: what arrived, and how old it is. Nothing here tells them; \
+                 play it with `vamaro-swarm spawn` or `evaluate`"
+            ));
+        }
         let actor = |agent| {
             let network = policy.actor(agent).clone();
             Actor { state: network.state(1), network, step: 0, estimates: Vec::new(), logits: Vec::new() }
@@ -122,7 +128,7 @@ impl Team {
         let greedy = greedy || policy.is_greedy();
         let actors = (0..spec.n_agents()).map(actor).collect();
         let scratch = Scratch::default();
-        Team(Mutex::new(Actors { spec, actors, scratch, greedy, seed: 0, episode: 0, worlds: 0 }))
+        Ok(Team(Mutex::new(Actors { spec, actors, scratch, greedy, seed: 0, episode: 0, worlds: 0 })))
     }
 
     /// One thread at a time acts.

@@ -9,7 +9,7 @@ use super::memory::Buffer;
 use super::network::Passes;
 use super::parameters::Parameters;
 use super::settings::Settings;
-use crate::nn::Dims;
+use crate::nn::{Dims, Senses};
 
 /// An actor in training, and the agents it serves.
 #[derive(Clone, Debug)]
@@ -19,7 +19,11 @@ pub struct LearningActor {
     pub(super) agents: Range<usize>,
     ids: usize,
     passes: Passes,
-    x: Buffer,
+    /// What it sees more than estimates, if it does.
+    senses: Option<Senses>,
+    /// With them, `[T, E, its agents, inputs]`.
+    seen: Vec<f32>,
+    pub(super) x: Buffer,
     /// Logarithms of the probabilities of what was done, before this update, `[T, E, its agents]`.
     old: Buffer,
     d: Buffer,
@@ -61,6 +65,8 @@ impl LearningActor {
             parameters: Parameters::untrained(&network, seed),
             agents,
             ids: networks.sharing.id_len(dims),
+            senses: Senses::of(&networks.actor_inputs, dims.n_agents),
+            seen: Vec::new(),
             x: Buffer::default(),
             old: Buffer::default(),
             d: Buffer::default(),
@@ -72,8 +78,12 @@ impl LearningActor {
 
     /// Once per update: takes the inputs from the batch.
     pub(super) fn begin(&mut self, n_agents: usize, batch: &Batch) {
-        let (seen, sources) = batch.seen(n_agents);
-        let seen = &seen[..seen.len() / (batch.steps + 1) * batch.steps];
+        let (mut seen, mut sources) = batch.seen(n_agents);
+        seen = &seen[..seen.len() / (batch.steps + 1) * batch.steps];
+        if let Some(senses) = &mut self.senses {
+            batch.see(n_agents, &self.agents, senses, &mut self.seen);
+            (seen, sources) = (&self.seen, self.agents.len());
+        }
         let width = seen.len() / (batch.steps * batch.episodes * sources);
         gather(seen, sources, width, &self.agents, self.ids, &mut self.x);
         blank(&mut self.x, batch.steps, batch.episodes, |episode| batch.ends.lengths()[episode]);

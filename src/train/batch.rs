@@ -4,7 +4,9 @@ use std::ops::Range;
 
 use super::ends::Ends;
 use super::memory::Buffer;
+use crate::bus::NOT_ARRIVED;
 use crate::environment::Spec;
+use crate::nn::Senses;
 
 /// Episodes played side by side. Everything is ordered by time, then episode, then agent. What stands behind the
 /// end of an episode may be anything, and changes nothing.
@@ -94,6 +96,27 @@ impl Batch {
         if self.estimates.is_empty() { (&self.joint, 1) } else { (&self.estimates, n_agents) }
     }
 
+    /// Writes what actors of these `agents` see with such `senses`, `[T, E, agents, inputs]`, to `x`.
+    pub(super) fn see(&self, n_agents: usize, agents: &Range<usize>, senses: &mut Senses, x: &mut Vec<f32>) {
+        let (seen, sources) = self.seen(n_agents);
+        let width = seen.len() / ((self.steps + 1) * self.episodes * sources);
+        senses.start(self.episodes * agents.len());
+        x.clear();
+        for at in 0..self.steps * self.episodes {
+            for (view, agent) in agents.clone().enumerate() {
+                let row = at % self.episodes * agents.len() + view;
+                for sender in 0..n_agents {
+                    let age =
+                        self.ages.get((at * n_agents + agent) * n_agents + sender).copied().unwrap_or(0);
+                    let arrived = Some(age).filter(|age| *age != NOT_ARRIVED);
+                    senses.hear(row, sender, if sender == agent { Some(0) } else { arrived });
+                }
+                let from = (at * sources + agent.min(sources - 1)) * width;
+                senses.show(row, &seen[from..from + width], x);
+            }
+        }
+    }
+
     /// Checks that all lengths belong together.
     pub(super) fn check(&self, n_agents: usize, joint: usize) {
         let rows = self.steps * self.episodes;
@@ -111,11 +134,20 @@ impl Batch {
             self.estimates.is_empty() || self.estimates.len() == rows * n_agents * joint,
             "estimates are not [T + 1, E, agents, joint]"
         );
+        assert!(
+            self.ages.is_empty() || self.ages.len() == rows * n_agents * n_agents,
+            "ages are not [T + 1, E, agents, agents]"
+        );
         assert_eq!(
             self.observations.len() % (rows * n_agents),
             0,
             "observations are not [T + 1, E, agents, _]"
         );
+    }
+
+    /// This batch with room for ages.
+    pub(super) fn with_ages(self, n_agents: usize) -> Batch {
+        Batch { ages: vec![NOT_ARRIVED; (self.steps + 1) * self.episodes * n_agents * n_agents], ..self }
     }
 
     /// Room for so many episodes, all zero, with or without estimates.

@@ -2,7 +2,7 @@
 //!
 //! A safetensors file with the tensors of [`Learner::state`], what is remembered for replay (`replay.*`) and, where
 //! updates share episodes, the batch (`batch.*`); its metadata hold the configuration and the counters.
-//! Actions are remembered where predictors see them (`replay.actions`).
+//! Actions are remembered where predictors see them (`replay.actions`), ages where actors do (`batch.ages`).
 //! Checkpoints from before episodes could end early have no `replay.lengths`, `batch.lengths` and
 //! `batch.terminated`: all their episodes are whole.
 
@@ -84,6 +84,7 @@ impl State {
         let lengths = floats(batch.ends.lengths().iter().map(|&length| length as f32));
         let terminated =
             floats(batch.ends.terminated().iter().map(|&terminated| u8::from(terminated).into()));
+        let ages = floats(batch.ages.iter().map(|&age| age.into()));
         let mut parts = vec![("replay.joint", replay.episodes()), ("replay.lengths", &remembered)];
         let remembered_actions = floats(replay.actions().iter().map(|&action| action.into()));
         if config.sees_own_actions() {
@@ -99,6 +100,9 @@ impl State {
                 ("batch.lengths", &lengths),
                 ("batch.terminated", &terminated),
             ]);
+            if !batch.ages.is_empty() {
+                parts.push(("batch.ages", &ages));
+            }
         }
         tensors.extend(parts.into_iter().map(|(name, values)| (name, vec![values.len()], values)));
         let tensors: Vec<_> =
@@ -135,7 +139,8 @@ impl State {
             return Err(checkpoint.damaged("replay.joint, replay.lengths or replay.actions does not fit"));
         }
         if config.update_every < config.batch_episodes {
-            let Batch { steps, observations, joint, estimates, actions, rewards, ends, .. } = &mut self.batch;
+            let Batch { steps, observations, joint, estimates, ages, actions, rewards, ends, .. } =
+                &mut self.batch;
             for (name, to) in [
                 ("batch.observations", observations),
                 ("batch.joint", joint),
@@ -153,6 +158,10 @@ impl State {
                 }
                 let ended = lengths.iter().zip(terminated).enumerate();
                 ended.for_each(|(at, (&length, &terminated))| ends.set(at, length, terminated != 0.0));
+            }
+            if !ages.is_empty() {
+                let kept = need("batch.ages")?.iter().map(|&age| age as u8).collect::<Vec<_>>();
+                copy(&kept, ages).ok_or_else(|| checkpoint.damaged("batch.ages has another length"))?;
             }
             copy(&actions_in("batch.actions")?, actions)
                 .ok_or_else(|| checkpoint.damaged("batch.actions has another length"))?;

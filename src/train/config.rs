@@ -34,6 +34,9 @@ pub struct Config {
     pub actor: ActorKind,
     /// Hidden size of actors and critics.
     pub hidden: usize,
+    /// What the actors see: `estimate`, then perhaps `delivered` and `age`; written down if that is more than estimates.
+    #[serde(default = "estimates_alone", skip_serializing_if = "are_estimates_alone")]
+    pub actor_inputs: Vec<Input>,
     /// One actor for all agents, which sees the agent's id.
     pub share_actors: bool,
     /// One critic for all agents, which sees the agent's id.
@@ -218,6 +221,7 @@ impl Config {
             actor: self.actor,
             sharing: sharing(self.share_actors),
             hidden: self.hidden,
+            actor_inputs: self.actor_inputs.clone(),
             predictors: self.predictors.iter().map(spec).collect(),
         }
     }
@@ -311,6 +315,8 @@ impl Config {
     /// All settings, those as well that are not written down.
     fn to_table(&self) -> Table {
         let mut table = Table::try_from(self).expect("a configuration is a table");
+        let inputs = Value::try_from(&self.actor_inputs).expect("inputs are a list of words");
+        table.insert("actor_inputs".to_owned(), inputs);
         table.insert("relay".to_owned(), self.relay.into());
         table.insert("train_imputer".to_owned(), self.train_imputer.clone().into());
         table
@@ -339,6 +345,14 @@ impl Config {
 
 fn is_false(flag: &bool) -> bool {
     !flag
+}
+
+fn estimates_alone() -> Vec<Input> {
+    vec![Input::Estimate]
+}
+
+fn are_estimates_alone(inputs: &[Input]) -> bool {
+    inputs == [Input::Estimate]
 }
 
 fn sharing(shared: bool) -> Sharing {
@@ -420,6 +434,8 @@ mod tests {
                 "--set: `predictor_inputs`: unknown variant `weather`, expected one of `estimate`, `delivered`, `age`, `innovation`, `own-action`",
             ),
             (&[("predictor_inputs", "own-action")], "\"value-aware\" sees `estimate` first"),
+            (&[("actor_inputs", "estimate,own-action")], "the actors see `estimate` first"),
+            (&[("actor_inputs", "delivered")], "the actors see `estimate` first"),
             (&[("epochs", "0")], "`epochs` is 0"),
             (&[("steps", "0")], "`steps` is 0"),
             (&[("batch_episodes", "1e12")], "`batch_episodes` is 1000000000000, expected 1 to 4096"),

@@ -13,13 +13,12 @@ use super::settings::{Backend, Loss, Objective, PredictorSettings};
 use super::{Batch, PredictorLosses, Rollout};
 use crate::agent::{AgentSettings, PolicySource};
 use crate::base::error::{Error, Result};
-use crate::bus::NOT_ARRIVED;
 use crate::environment::{About, Task, Value};
-use crate::failed;
 use crate::link::{Links, Uniform};
 use crate::nn::kernels::all_finite;
 use crate::nn::{Policy, PredictorSpec};
 use crate::supervisor::{InProcess, Team};
+use crate::{failed, usage};
 
 /// How a predictor is taught for a policy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -158,13 +157,18 @@ impl PredictorFit {
         let dims = policy.dims();
         let mut predictor = LearningPredictor::new(&spec, &learning, dims, Backend::Native, settings.seed);
         predictor.importance = importance(task, settings.own_weight);
+        if settings.loss == Loss::Kl && policy.networks().actors_have_senses() {
+            return Err(usage!(
+                "the loss kl compares what actors do on the truth and on what is imputed, and those of this policy also see \
+                 what arrived and how old it is; take mse or nll"
+            ));
+        }
         if settings.loss == Loss::Kl {
             predictor.divergence = Some(Divergence::new(policy, &available_actions(task.spec())));
         }
         let mut batch = Batch::zeros(task.spec(), settings.episodes, settings.feed == Feed::ClosedLoop);
         if spec.has_senses() && settings.feed == Feed::ClosedLoop {
-            let agents = task.spec().n_agents();
-            batch.ages = vec![NOT_ARRIVED; (batch.steps + 1) * batch.episodes * agents * agents];
+            batch = batch.with_ages(task.spec().n_agents());
         }
         let with_it = policy.with_predictor(&spec, &predictor.parameters.all_values())?;
         let mut weights = vec![0.0; with_it.n_values()];

@@ -20,6 +20,7 @@ impl Config {
             algorithm,
             actor,
             hidden: paper.networks.hidden,
+            actor_inputs: paper.networks.actor_inputs,
             share_actors: false,
             share_critics: false,
             critic_input: match algorithm {

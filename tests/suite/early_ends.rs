@@ -10,7 +10,7 @@ use vamaro_swarm::environment::{
     Unit, Value, World, Worlds,
 };
 use vamaro_swarm::link::Links;
-use vamaro_swarm::nn::{ActorKind, Meta, Networks, Policy, PredictorSpec, Sharing};
+use vamaro_swarm::nn::{ActorKind, Meta, Networks, Policy, PredictorSpec};
 use vamaro_swarm::supervisor::{
     self, Audit, Conduct, EpisodeStatistics, InProcess, Ledger, Processes, Session, Team as _,
 };
@@ -102,7 +102,7 @@ fn ends(episodes: usize) -> Vec<(usize, bool)> {
 fn settings(kind: ActorKind) -> Settings {
     let predictor = |name| PredictorSpec { hidden: 8, ..PredictorSpec::paper(name) };
     let predictors = vec![predictor("value-aware"), predictor("maro")];
-    let networks = Networks { actor: kind, sharing: Sharing::Separate, hidden: 16, predictors };
+    let networks = Networks { hidden: 16, predictors, ..Networks::paper(kind) };
     let objectives = [Objective::ValueAware { lambda: 1.0 }, Objective::Maro];
     Settings {
         networks,

@@ -6,7 +6,7 @@ use vamaro_swarm::agent::{AgentSettings, PolicySource, dims};
 use vamaro_swarm::base::error::Result;
 use vamaro_swarm::environment::{PhysicsSpec, Task};
 use vamaro_swarm::link::Links;
-use vamaro_swarm::nn::{ActorKind, Networks, Policy, PredictorSpec, Sharing};
+use vamaro_swarm::nn::{ActorKind, Input, Networks, Policy, PredictorSpec, Sharing};
 use vamaro_swarm::recording::{Episode, Recording, RecordingHeader};
 use vamaro_swarm::supervisor::{
     Conduct, Decisions, InProcess, Order, Processes, Recorder, Session, Stage, Team, Tick,
@@ -57,7 +57,7 @@ impl Case {
         // The second of two predictors is used, so that neither end of the weights is the right one.
         let predictor = |name, hidden| PredictorSpec { hidden, ..PredictorSpec::paper(name) };
         let predictors = vec![predictor("maro", 12), predictor("value-aware", 20), predictor("third", 8)];
-        let networks = Networks { actor, sharing, hidden: 24, predictors };
+        let networks = Networks { sharing, hidden: 24, predictors, ..Networks::paper(actor) };
         Case { task: Task::parse(task).unwrap(), networks, p }
     }
 
@@ -68,6 +68,9 @@ impl Case {
             cases.push(Case::new("speaker-listener", ActorKind::Mlp, Sharing::Shared, p));
             cases.push(Case::new("spread-xy-4", ActorKind::Gru, Sharing::Separate, p));
             cases.push(Case::new("spread-blindfold", ActorKind::Gru, Sharing::Shared, p));
+        }
+        for case in cases.iter_mut().filter(|case| case.networks.sharing == Sharing::Shared) {
+            case.networks.actor_inputs = vec![Input::Estimate, Input::Delivered, Input::Age];
         }
         cases
     }

@@ -157,6 +157,58 @@ fn predictors_that_see_the_own_action_hold_to_the_same_promises() {
 }
 
 #[test]
+fn a_policy_may_see_what_arrives_and_do_its_own_imputation() {
+    let folder = Folder::new();
+    let words = "--task hear-see --steps 1500 --train-p uniform --predictors none --set train_imputer=zero \
+                 --set actor=gru --set actor_inputs=estimate,delivered,age --set update_every=5";
+    let processes = folder.train("processes", words);
+    let here = folder.train("here", &format!("{words} --in-process --threads 2"));
+    assert_same(&processes, &here);
+    let blind = folder.train("blind", &format!("{words} --in-process").replace(",delivered,age", ""));
+    assert_ne!(result(&here).0, result(&blind).0, "what arrives changes what is learned");
+
+    // A run that stopped goes on with the ages of the episodes that its next update shares.
+    let parts = folder.train("parts", &format!("{words} --in-process").replace("1500", "625"));
+    succeed(&format!("train --resume --out {} --in-process --steps 1500", parts.display()));
+    assert_same(&here, &parts);
+
+    let [policy, half] = [here.join("policy.safetensors"), folder.path("half.safetensors")];
+    let inspected = succeed(&format!("inspect {}", policy.display()));
+    for words in
+        ["gru, separate, hidden 32, sees what arrives, sees ages", "imputer     zero, as in training"]
+    {
+        assert!(inspected.contains(words), "{inspected}");
+    }
+    succeed(&format!("export {} --out {}", policy.display(), half.display()));
+    let about: Value = serde_json::from_str(&succeed(&format!("inspect {} --json", half.display()))).unwrap();
+    assert_eq!((&about["actor_inputs"][2], &about["imputer"]), (&"age".into(), &"zero".into()));
+
+    // It plays with the imputer that it learned with, or another one, and its trace can be checked.
+    let trace = folder.path("trace.json");
+    let spawn = format!("spawn --policy {} --links level(0.3)+delay(0,1) --episodes 3", policy.display());
+    let said = succeed(&format!("{spawn} --worlds 2 --json --record {}", trace.display()));
+    let said: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(said["imputer"], "zero");
+    let alone = succeed(&format!("{spawn} --in-process --json"));
+    let alone: Value = serde_json::from_str(&alone).unwrap();
+    assert_eq!(said["return_mean"], alone["return_mean"]);
+    let verified = succeed(&format!("verify {}", trace.display()));
+    assert!(verified.contains("all 10 comparisons hold"), "{verified}");
+    succeed(&format!("fit {} --imputers dynamics,mine --updates 1", policy.display()));
+    let evaluate = format!("evaluate {} --episodes 4 --levels 1,0.3 --in-process", policy.display());
+    let report = succeed(&format!("{evaluate} --report {}", folder.path("report").display()));
+    assert!(
+        report.contains("dynamics") && report.contains("mine") && !report.contains("teammates"),
+        "{report}"
+    );
+
+    // Nobody knows what has arrived at a teammate.
+    fail(&format!("{evaluate} --imputers teammates"), 2, &["`teammates` runs the actors of teammates"]);
+    fail(&format!("{spawn} --imputer particles(hold)"), 2, &["`particles` runs the actors of teammates"]);
+    fail(&format!("{evaluate} --substitute own"), 2, &["--substitute", "would still call the truth lost"]);
+}
+
+#[test]
 fn settings_decide_what_comes_out() {
     let folder = Folder::new();
     let settings = [

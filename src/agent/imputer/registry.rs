@@ -47,6 +47,8 @@ struct Entry {
     make: Make,
     /// Whether no evaluation plays it unless it is asked for.
     only_on_request: bool,
+    /// Whether it runs the actors of teammates on what an agent believes.
+    imagines_actors: bool,
 }
 
 #[derive(Clone)]
@@ -82,6 +84,7 @@ impl Default for Registry {
                 "like teammates, but told the physics that is played: a ceiling",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Mean, Known::Given)?)),
             )
+            .imagining_actors()
             .with_imputer("hold", "the last value received", |setup| Ok(Box::new(Hold::new(setup))))
             .with_dynamics(
                 "kalman",
@@ -93,18 +96,21 @@ impl Default for Registry {
                 "like teammates, but the weighted mean of 16 beliefs with sampled actions of teammates",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Drawn(PARTICLES), Known::Fitted)?)),
             )
+            .imagining_actors()
             .only_on_request()
             .with_dynamics(
                 "shared-dice",
                 "like teammates, but with the teammates' own random draws, from a seed that all share: a bound, not a method",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::SharedDice, Known::Fitted)?)),
             )
+            .imagining_actors()
             .only_on_request()
             .with_dynamics(
                 "teammates",
                 "like dynamics, and teammates act as their actors in the policy file would on this agent's estimate",
                 |setup, rest| Ok(Box::new(Teammates::new(setup, rest, Guess::Mean, Known::Fitted)?)),
             )
+            .imagining_actors()
             .with_imputer(
                 "velocity",
                 "what was received last, with places moved on by their velocity",
@@ -124,12 +130,7 @@ impl Registry {
         make: impl Fn(&Setup) -> Result<Box<dyn Imputer>> + Send + Sync + 'static,
     ) -> Registry {
         self.entries.retain(|entry| entry.name != name);
-        self.entries.push(Entry {
-            name,
-            description,
-            make: Make::Alone(Arc::new(make)),
-            only_on_request: false,
-        });
+        self.entries.push(Entry::of(name, description, Make::Alone(Arc::new(make))));
         self
     }
 
@@ -139,12 +140,7 @@ impl Registry {
         description: &'static str,
         make: MakeWithDynamics,
     ) -> Registry {
-        self.entries.push(Entry {
-            name,
-            description,
-            make: Make::WithDynamics(Known::Fitted, make),
-            only_on_request: false,
-        });
+        self.entries.push(Entry::of(name, description, Make::WithDynamics(Known::Fitted, make)));
         self
     }
 
@@ -156,26 +152,36 @@ impl Registry {
         description: &'static str,
         make: MakeWithDynamics,
     ) -> Registry {
-        let make = Make::WithDynamics(Known::Given, make);
-        self.entries.push(Entry { name, description, make, only_on_request: true });
-        self
+        self.entries.push(Entry::of(name, description, Make::WithDynamics(Known::Given, make)));
+        self.only_on_request()
     }
 
     /// No evaluation plays the last entry unless it is asked for.
     fn only_on_request(mut self) -> Registry {
-        self.entries.iter_mut().next_back().expect("there is an entry").only_on_request = true;
+        self.last().only_on_request = true;
         self
+    }
+
+    /// The last entry runs the actors of teammates on what an agent believes.
+    fn imagining_actors(mut self) -> Registry {
+        self.last().imagines_actors = true;
+        self
+    }
+
+    fn last(&mut self) -> &mut Entry {
+        self.entries.last_mut().expect("there is an entry")
     }
 
     /// What an evaluation compares unless it is told what: the predictors of a policy, then what is registered and
     /// needs nothing that the policy lacks. Dice that all share are no knowledge that agents have by themselves, and
     /// many beliefs take their time: these have to be asked for.
     pub fn names<'a>(&'a self, policy: &'a Policy) -> impl Iterator<Item = &'a str> {
-        let needs = |entry: &&Entry| match entry.make {
+        let has_dynamics = |entry: &&Entry| match entry.make {
             Make::Alone(_) => true,
             Make::WithDynamics(..) => policy.dynamics().is_some(),
         };
-        let entries = self.entries.iter().filter(|entry| !entry.only_on_request).filter(needs);
+        let entries = self.entries.iter().filter(|entry| !entry.only_on_request).filter(has_dynamics);
+        let entries = entries.filter(|entry| entry.can_imagine(policy));
         policy.predictor_names().chain(entries.map(|entry| entry.name))
     }
 
@@ -186,12 +192,14 @@ impl Registry {
     }
 
     /// The imputer called `name` with this policy; `dynamics(maro)` is one that leaves to `maro` what it does not move
-    /// itself. Without a name: `dynamics` if the policy has them, else its best predictor, or `hold` if it has none.
+    /// itself. Without a name: the imputer that the policy names itself; `dynamics` if it has them, else its best predictor, or
+    /// `hold` if it has none.
     ///
     /// # Errors
-    /// `Usage` if there is none, with the names there are; if it needs dynamics and the policy has none.
+    /// `Usage` if there is none, with the names there are; if it needs dynamics and the policy has none; if it runs the actors
+    /// of teammates and these see more than estimates.
     pub fn choose(&self, name: Option<&str>, policy: &Policy) -> Result<String> {
-        let Some(name) = name else {
+        let Some(name) = name.or(policy.meta().imputer.as_deref()) else {
             if policy.dynamics().is_some() && self.entry(DEFAULT).is_some() {
                 return Ok(DEFAULT.to_owned());
             }
@@ -208,6 +216,12 @@ impl Registry {
                      another name"
                 ));
             }
+        }
+        if self.entry(outer).is_some_and(|entry| !entry.can_imagine(policy)) {
+            return Err(usage!(
+                "`{outer}` runs the actors of teammates on what an agent believes, and those of this policy also see what \
+                 arrived and how old it is, which only the teammates know; take another imputer, such as `hold`"
+            ));
         }
         match (rest, self.entry(outer).map(|entry| &entry.make)) {
             (_, Some(Make::WithDynamics(Known::Fitted, _))) if policy.dynamics().is_none() => {
@@ -290,6 +304,17 @@ impl Registry {
             named(|make| matches!(make, Make::Alone(_))),
             named(|make| matches!(make, Make::WithDynamics(..)))
         )
+    }
+}
+
+impl Entry {
+    fn of(name: &'static str, description: &'static str, make: Make) -> Entry {
+        Entry { name, description, make, only_on_request: false, imagines_actors: false }
+    }
+
+    /// Whether it can run the actors of teammates, if it does that: what they see has to follow from estimates.
+    fn can_imagine(&self, policy: &Policy) -> bool {
+        !(self.imagines_actors && policy.networks().actors_have_senses())
     }
 }
 

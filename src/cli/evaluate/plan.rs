@@ -1,7 +1,7 @@
 //! What an evaluation plays, from its arguments.
 
 use super::{Evaluate, Protocol};
-use crate::agent::{PolicySource, Registry};
+use crate::agent::{PolicySource, Registry, Truth};
 use crate::base::error::Result;
 use crate::cli::policy_source;
 use crate::cli::train::threads;
@@ -141,6 +141,9 @@ impl Evaluate {
     fn imputers_of(&self, policy: &Policy, task: &Task) -> Result<Vec<String>> {
         let plain = self.plain_imputers_of(policy)?;
         self.substitute.iter().try_for_each(|truth| truth.check(task.spec()))?;
+        if !self.substitute.is_empty() {
+            Truth::check_actors(policy).map_err(|error| usage!("--substitute: {error}"))?;
+        }
         let with_oracles = plain.into_iter().flat_map(|imputer| {
             let oracles: Vec<String> = self.substitute.iter().map(|truth| truth.oracle(&imputer)).collect();
             std::iter::once(imputer).chain(oracles)

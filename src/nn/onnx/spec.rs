@@ -186,7 +186,7 @@ impl Description {
             Files::Shared(_) => Sharing::Shared,
             Files::Separate(_) => Sharing::Separate,
         };
-        Networks { actor: ActorKind::Onnx, sharing, hidden: 0, predictors: Vec::new() }
+        Networks { sharing, hidden: 0, predictors: Vec::new(), ..Networks::paper(ActorKind::Onnx) }
     }
 
     /// The content of the files.

@@ -187,9 +187,10 @@ proptest! {
 
 static GOOD: std::sync::LazyLock<Vec<u8>> = std::sync::LazyLock::new(good);
 
-/// A policy of which one predictor is as in the paper, and the other has everything that it can have.
+/// A policy whose actors, and one of its predictors, have everything that they can have; the other is as in the paper.
 fn with_everything() -> Policy {
     let mut networks = networks(ActorKind::Mlp, Sharing::Separate);
+    networks.actor_inputs = vec![Input::Estimate, Input::Delivered, Input::Age];
     let inputs = vec![Input::Estimate, Input::OwnAction];
     let plain = networks.predictors[1].clone();
     networks.predictors[1] = PredictorSpec { inputs, skip: true, sigma: Sigma::SoftBounded, ..plain };
@@ -197,7 +198,7 @@ fn with_everything() -> Policy {
 }
 
 #[test]
-fn what_a_predictor_is_like_is_kept() {
+fn what_networks_are_like_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("policy.safetensors");
     let policy = with_everything();
@@ -208,11 +209,19 @@ fn what_a_predictor_is_like_is_kept() {
     let words = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
     let paper = r#"{\"held\":[],\"hidden\":5,\"inputs\":\"estimate\",\"name\":\"maro\",\"sigma\":\"exp\"}"#;
     assert!(words.contains(paper), "that of the paper stands as it always did: {words}");
-    for word in
-        [r#"\"inputs\":[\"estimate\",\"own-action\"]"#, r#"\"sigma\":\"soft-bounded\""#, r#"\"skip\":true"#]
-    {
+    for word in [
+        r#"\"inputs\":[\"estimate\",\"own-action\"]"#,
+        r#"\"sigma\":\"soft-bounded\""#,
+        r#"\"skip\":true"#,
+        r#""actor_inputs":"[\"estimate\",\"delivered\",\"age\"]""#,
+    ] {
         assert!(words.contains(word), "{word}: {words}");
     }
+    let plain = String::from_utf8_lossy(&GOOD).into_owned();
+    assert!(!plain.contains("actor_inputs") && !plain.contains("imputer"), "{plain}");
+    let blind = Networks { actor_inputs: vec![Input::Estimate], ..policy.networks().clone() };
+    let blind = Policy::untrained(&dims(), 11, blind).unwrap();
+    assert_ne!(blind.fingerprint(), policy.fingerprint());
 }
 
 #[test]
@@ -233,6 +242,11 @@ fn inputs_that_there_are_not_are_refused_by_name() {
     {
         failed(&with(out_of_order), "predictor \"maro\" sees `estimate` first");
     }
+    failed(&with_word("actor_inputs", Some("[\"estimate\",\"weather\"]")), "unknown variant `weather`");
+    let out_of_order = with_word("actor_inputs", Some("[\"estimate\",\"age\",\"delivered\"]"));
+    failed(&out_of_order, "the actors see `estimate` first");
+    let wider = with_word("actor_inputs", Some("[\"estimate\",\"age\"]"));
+    failed(&wider, "actors.0.fc1.weight is [7, 8], expected [10, 8]");
     let bytes = changed(|header, _| {
         let predictors = header["__metadata__"]["predictors"].as_str().unwrap();
         let acting = predictors.replacen(r#""estimate""#, r#"["estimate","own-action"]"#, 1);

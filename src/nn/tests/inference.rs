@@ -40,7 +40,7 @@ proptest! {
         let dims = Dims { task: "toy".to_string(), n_agents, joint, predicted: joint, n_actions, agents: Vec::new() };
         let inputs = if acting { vec![Input::Estimate, Input::OwnAction] } else { vec![Input::Estimate] };
         let predictors = vec![PredictorSpec { hidden, inputs, skip, ..PredictorSpec::paper("one") }];
-        let policy = Policy::untrained(&dims, seed, Networks { actor, sharing, hidden, predictors }).unwrap();
+        let policy = Policy::untrained(&dims, seed, Networks { sharing, hidden, predictors, ..Networks::paper(actor) }).unwrap();
         let weights: Vec<f32> = numbers(seed, policy.n_values()).iter().map(|value| value * 0.1).collect();
         let policy = policy.with_values(&weights).unwrap();
         let steps: Vec<_> = (0..4).map(|step| numbers(seed ^ step, rows * joint)).collect();

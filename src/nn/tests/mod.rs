@@ -21,7 +21,7 @@ fn networks(actor: ActorKind, sharing: Sharing) -> Networks {
         PredictorSpec { hidden: 5, ..PredictorSpec::paper("maro") },
         PredictorSpec { hidden: 6, held, ..PredictorSpec::paper("value-aware") },
     ];
-    Networks { actor, sharing, hidden: 8, predictors }
+    Networks { sharing, hidden: 8, predictors, ..Networks::paper(actor) }
 }
 
 fn policy(actor: ActorKind, sharing: Sharing) -> Policy {

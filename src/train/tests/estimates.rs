@@ -61,6 +61,60 @@ fn estimates_reach_actors_and_their_like_and_nothing_else() {
     }
 }
 
+/// An epoch's own probabilities are those that the agent acted by, so that every ratio is one.
+#[test]
+fn actors_that_hear_learn_from_what_their_agents_heard() {
+    for (kind, sharing) in kinds() {
+        let (settings, mut batch) = (sensing(settings(kind, sharing)), heard(4));
+        let mut team = team(settings.clone(), 1);
+        let mut values = Vec::new();
+        team.policy_values(&mut values);
+        let policy = Policy::new(&dims(), Meta::new("toy", 0), settings.networks.clone(), &values).unwrap();
+        for agent in 0..N {
+            let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
+            assert_eq!(actor.n_inputs(), dims().joint);
+            let learning = agent.min(team.actors.len() - 1);
+            let learning = &mut team.actors[learning];
+            learning.begin(N, &batch);
+            let network = settings.networks.actor(agent, &dims());
+            let rows = batch.episodes * learning.agents.len();
+            let x = learning.x.to_vec();
+            let mut passes = Passes::new(Backend::Native, &network);
+            let learned = passes.forward(&learning.parameters.values, batch.steps, rows, &x);
+
+            let mut state = actor.state(1);
+            for episode in 0..batch.episodes {
+                state.start(1);
+                for step in 0..batch.ends.lengths()[episode] {
+                    let at = (step * batch.episodes + episode) * N + agent;
+                    for sender in 0..N {
+                        let age = Some(batch.ages[at * N + sender]).filter(|age| *age != NOT_ARRIVED);
+                        state.hear(0, sender, if sender == agent { Some(0) } else { age });
+                    }
+                    let (seen, mut logits) =
+                        (&batch.estimates[at * dims().joint..][..dims().joint], [0.0; 5]);
+                    actor.step(1, seen, &[], &mut state, &mut scratch, &mut logits).unwrap();
+                    let row = (step * batch.episodes + episode) * learning.agents.len() + agent
+                        - learning.agents.start;
+                    assert_eq!(logits, learned[row * 5..][..5], "{kind}, {sharing}, agent {agent}, {step}");
+                }
+            }
+        }
+        // Where everything arrives there is nothing to hear of that.
+        let learn = |batch: &Batch| {
+            let mut team = self::team(settings.clone(), 1);
+            team.update(batch, &[]);
+            weights(&team)
+        };
+        let before = learn(&batch);
+        batch.ages.fill(0);
+        let everything = learn(&batch);
+        assert_ne!(before, everything, "{kind}, {sharing}: what arrived counts");
+        batch.ages.clear();
+        assert_eq!(everything, learn(&batch), "{kind}, {sharing}");
+    }
+}
+
 #[test]
 fn predictors_learn_from_the_truth() {
     let truth = batch(1);

@@ -20,8 +20,9 @@ fn check_gradient(what: &str, values: &Flat, gradient: &Flat, mut loss: impl FnM
 #[test]
 fn the_gradient_of_an_actor_is_that_of_its_loss() {
     for (kind, sharing) in kinds() {
-        let settings = settings(kind, sharing);
-        for batch in [batch(3), ended(3)] {
+        for (batch, sees_all) in [(batch(3), false), (ended(3), false), (heard(3), true)] {
+            let settings = settings(kind, sharing);
+            let settings = if sees_all { sensing(settings) } else { settings };
             let advantages = numbers(8, batch.actions.len());
             for mut actor in team(settings.clone(), 1).actors {
                 actor.begin(N, &batch);

@@ -63,12 +63,8 @@ fn ended(seed: u64) -> Batch {
 
 fn settings(actor: ActorKind, sharing: Sharing) -> Settings {
     let predictor = |name| PredictorSpec { hidden: 5, ..PredictorSpec::paper(name) };
-    let networks = Networks {
-        actor,
-        sharing,
-        hidden: 12,
-        predictors: vec![predictor("value-aware"), predictor("maro")],
-    };
+    let predictors = vec![predictor("value-aware"), predictor("maro")];
+    let networks = Networks { sharing, hidden: 12, predictors, ..Networks::paper(actor) };
     let objectives = [Objective::ValueAware { lambda: 1.0 }, Objective::Maro];
     Settings {
         networks,
@@ -85,6 +81,24 @@ fn acting(mut settings: Settings) -> Settings {
         predictor.inputs = vec![Input::Estimate, Input::OwnAction];
     }
     settings
+}
+
+/// The same with actors that see what arrives and how old it is.
+fn sensing(mut settings: Settings) -> Settings {
+    settings.networks.actor_inputs = vec![Input::Estimate, Input::Delivered, Input::Age];
+    settings
+}
+
+/// Episodes in which links failed, of different lengths.
+fn heard(seed: u64) -> Batch {
+    let batch = ended(seed);
+    let rows = (batch.steps + 1) * batch.episodes;
+    let age = |at: usize| if at * 7 % 5 < 2 { NOT_ARRIVED } else { (at * 3 % 4) as u8 };
+    Batch {
+        estimates: numbers(seed + 3, rows * N * dims().joint),
+        ages: (0..rows * N * N).map(age).collect(),
+        ..batch
+    }
 }
 
 fn team(settings: Settings, threads: usize) -> Learner {

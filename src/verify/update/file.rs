@@ -79,12 +79,8 @@ impl Config {
     pub(super) fn settings(&self) -> Settings {
         let predictor = &self.predictor;
         let spec = PredictorSpec { hidden: predictor.hidden, ..PredictorSpec::paper("value-aware") };
-        let networks = Networks {
-            actor: self.actor,
-            sharing: Sharing::Separate,
-            hidden: self.hidden,
-            predictors: vec![spec],
-        };
+        let networks =
+            Networks { hidden: self.hidden, predictors: vec![spec], ..Networks::paper(self.actor) };
         Settings {
             networks,
             critic_sharing: Sharing::Separate,

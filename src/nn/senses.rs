@@ -1,0 +1,118 @@
+//! What networks see beside estimates: of whom something arrived, and how old that is.
+
+use super::networks::Input;
+
+/// What was heard of each agent, in each of several episodes.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Hearing {
+    agents: usize,
+    /// `[rows, agents]`.
+    heard: Vec<Heard>,
+}
+
+/// What was heard of an agent.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Heard {
+    /// Whether something arrived in this step.
+    now: bool,
+    /// How many steps ago what arrived last was made; before anything has, how many there have been.
+    age: u32,
+}
+
+/// An age of so many steps is seen as 1: the episodes of the paper's tasks are as long.
+const AGE_UNIT: f32 = 25.0;
+
+impl Hearing {
+    /// Of so many agents, in no episode yet.
+    pub fn of(agents: usize) -> Hearing {
+        Hearing { agents, heard: Vec::new() }
+    }
+
+    /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
+    pub fn start(&mut self, rows: usize) {
+        self.heard.clear();
+        self.heard.resize(rows * self.agents, Heard::default());
+    }
+
+    /// What arrives in this step, in a row, of what an agent observed: how many steps ago, if anything does.
+    pub fn hear(&mut self, row: usize, agent: usize, age: Option<u8>) {
+        let heard = &mut self.heard[row * self.agents + agent];
+        *heard = Heard { now: age.is_some(), age: age.map_or(heard.age + 1, u32::from) };
+    }
+
+    /// Appends what an input shows of what was heard in a row; of other inputs nothing.
+    pub fn show(&self, row: usize, input: Input, seen: &mut Vec<f32>) {
+        let heard = self.heard[row * self.agents..][..self.agents].iter();
+        match input {
+            Input::Delivered => seen.extend(heard.map(|heard| f32::from(u8::from(heard.now)))),
+            Input::Age => seen.extend(heard.map(|heard| heard.age as f32 / AGE_UNIT)),
+            Input::Estimate | Input::Innovation | Input::OwnAction => {}
+        }
+    }
+
+    /// Has heard in the row `to` what it has in the row `from`.
+    pub fn copy_row(&mut self, from: usize, to: usize) {
+        self.heard.copy_within(from * self.agents..(from + 1) * self.agents, to * self.agents);
+    }
+
+    /// Becomes what `other` is. Allocates only for more rows than ever before.
+    pub fn copy_from(&mut self, other: &Hearing) {
+        self.agents = other.agents;
+        self.heard.clone_from(&other.heard);
+    }
+}
+
+/// What an actor sees that sees more than estimates, and has heard in each of several episodes.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Senses {
+    /// What it sees behind the estimate, in this order.
+    inputs: Vec<Input>,
+    hearing: Hearing,
+    /// What all rows saw last, `[rows, inputs]`.
+    seen: Vec<f32>,
+}
+
+impl Senses {
+    /// Those of an actor with these `inputs` in a team of so many agents; `None` if it sees estimates alone.
+    pub fn of(inputs: &[Input], agents: usize) -> Option<Senses> {
+        let inputs: Vec<Input> = inputs.iter().copied().filter(|input| *input != Input::Estimate).collect();
+        (!inputs.is_empty()).then(|| Senses { inputs, hearing: Hearing::of(agents), seen: Vec::new() })
+    }
+
+    /// How many values they have in a row.
+    pub fn width(&self) -> usize {
+        self.inputs.len() * self.hearing.agents
+    }
+
+    /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
+    pub fn start(&mut self, rows: usize) {
+        self.hearing.start(rows);
+    }
+
+    /// What arrives in this step, in a row, of what an agent observed: how many steps ago, if anything does. Of itself an
+    /// agent hears in every step.
+    pub fn hear(&mut self, row: usize, agent: usize, age: Option<u8>) {
+        self.hearing.hear(row, agent, age);
+    }
+
+    /// Appends what is seen in a row: the estimate, and behind it what was heard.
+    pub fn show(&self, row: usize, estimate: &[f32], seen: &mut Vec<f32>) {
+        seen.extend_from_slice(estimate);
+        self.inputs.iter().for_each(|input| self.hearing.show(row, *input, seen));
+    }
+
+    /// What is seen in all of so many rows with these estimates, `[rows, joint]`.
+    pub fn see(&mut self, rows: usize, estimates: &[f32]) -> &[f32] {
+        let mut seen = std::mem::take(&mut self.seen);
+        seen.clear();
+        let joint = estimates.len().checked_div(rows).unwrap_or(0);
+        (0..rows).for_each(|row| self.show(row, &estimates[row * joint..][..joint], &mut seen));
+        self.seen = seen;
+        &self.seen
+    }
+
+    /// Has heard in the row `to` what it has in the row `from`.
+    pub fn copy_row(&mut self, from: usize, to: usize) {
+        self.hearing.copy_row(from, to);
+    }
+}
