@@ -57,8 +57,9 @@ impl Shape {
         bytes: &[u8],
         mut take: impl FnMut(Header, &[u8]) -> Result<()>,
     ) -> Result<Range<u64>> {
-        let (first, mut bytes) =
-            bytes.split_first_chunk::<NUMBER>().ok_or_else(|| failed!("a frame is cut off"))?;
+        // None is sent that has no message.
+        let frame = bytes.split_first_chunk::<NUMBER>().filter(|(_, messages)| !messages.is_empty());
+        let (first, mut bytes) = frame.ok_or_else(|| failed!("a frame is cut off"))?;
         let first = u64::from_le_bytes(*first);
         let mut numbers = first..first;
         while !bytes.is_empty() {
@@ -143,7 +144,7 @@ mod tests {
             change(&mut header);
             (header, words.clone())
         };
-        assert!(SHAPE.each(&[0; 7], |_, _| Ok(())).is_err() && SHAPE.each(&[0; 8], |_, _| Ok(())).is_ok());
+        assert!([7, 8, 9].iter().all(|length| SHAPE.each(&vec![0; *length], |_, _| Ok(())).is_err()));
         assert!(!refused((header, words.clone()), 0));
         assert!(refused((header, words.clone()), 1) && refused((header, words.clone()), 13));
         assert!(refused(observation(2, 1), 0), "no such agent");
