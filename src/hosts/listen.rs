@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use crossbeam::channel::{RecvTimeoutError, bounded};
 
+use super::echo::{Echo, Way};
 use super::engine::{self, Engine};
 use super::key::Key;
 use super::orders::{Answer, Event, Identity, Invitation, Question, plain, say, understand};
@@ -20,10 +21,15 @@ use crate::{failed, usage};
 /// The longest this sleeps before it looks whether it was asked to stop.
 const LONGEST_SLEEP: Duration = Duration::from_millis(100);
 
-/// Somebody wants this host to join a swarm.
+/// Somebody wants this host to do something that takes a while.
 struct Request {
     question: engine::Question,
-    invitation: Invitation,
+    task: Task,
+}
+
+enum Task {
+    Join(Box<Invitation>),
+    Echo(Echo),
 }
 
 /// Listens at an address until the program is asked to stop, for all that have the key. `tell` is told what happens.
@@ -43,12 +49,15 @@ pub(crate) fn serve(at: &str, key: Option<&Path>, patience: Patience, tell: impl
         let answer = match asked {
             Err(e) => Answer::No(e.to_string()),
             Ok(Question::Who) => Answer::I(Identity::own(patience)),
-            Ok(Question::Join(_)) if busy.swap(true, Ordering::Relaxed) => {
-                Answer::No("it looks after the agents of another swarm".to_owned())
+            Ok(_) if busy.swap(true, Ordering::Relaxed) => {
+                Answer::No("it looks after the agents of another swarm, or is being measured".to_owned())
             }
+            // There is one at a time, and whoever listens has ended if there is no place.
             Ok(Question::Join(invitation)) => {
-                // There is one at a time, and whoever listens has ended if there is no place.
-                return drop(ask.try_send(Request { question, invitation: *invitation }));
+                return drop(ask.try_send(Request { question, task: Task::Join(invitation) }));
+            }
+            Ok(Question::Echo(echo)) => {
+                return drop(ask.try_send(Request { question, task: Task::Echo(echo) }));
             }
         };
         question.answer(say(&answer));
@@ -57,7 +66,12 @@ pub(crate) fn serve(at: &str, key: Option<&Path>, patience: Patience, tell: impl
     loop {
         signals::check_stop()?;
         match asked.recv_timeout(LONGEST_SLEEP) {
-            Ok(request) => look_after(&engine, request, &is_busy, &tell)?,
+            Ok(Request { question, task: Task::Join(invitation) }) => {
+                look_after(&engine, question, &invitation, &is_busy, &tell)?;
+            }
+            Ok(Request { question, task: Task::Echo(echo) }) => {
+                be_measured(&engine, at, question, &echo, &is_busy, &tell)?;
+            }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return Err(failed!("the engine has ended")),
         }
@@ -68,9 +82,14 @@ pub(crate) fn serve(at: &str, key: Option<&Path>, patience: Patience, tell: impl
 ///
 /// # Errors
 /// `Interrupted` if the program was asked to stop; all else is told to the supervisor.
-fn look_after(engine: &Engine, request: Request, is_busy: &AtomicBool, tell: &impl Fn(&str)) -> Result<()> {
-    let Request { question, invitation } = request;
-    let joined = Steward::join(engine, &invitation, &question.policy());
+fn look_after(
+    engine: &Engine,
+    question: engine::Question,
+    invitation: &Invitation,
+    is_busy: &AtomicBool,
+    tell: &impl Fn(&str),
+) -> Result<()> {
+    let joined = Steward::join(engine, invitation, &question.policy());
     let mut steward = match joined {
         Ok(steward) => steward,
         Err(e) => {
@@ -98,6 +117,34 @@ fn look_after(engine: &Engine, request: Request, is_busy: &AtomicBool, tell: &im
                 return Err(e);
             }
         }
+    }
+    Ok(())
+}
+
+/// Answers messages of a measurement until it ends.
+fn be_measured(
+    engine: &Engine,
+    at: &str,
+    question: engine::Question,
+    echo: &Echo,
+    is_busy: &AtomicBool,
+    tell: &impl Fn(&str),
+) -> Result<()> {
+    let served = match Way::open_for(engine, at, echo) {
+        Ok((way, port)) => {
+            question.answer(say(&Answer::At(port)));
+            way.serve(engine.patience.arrival())
+        }
+        Err(e) => {
+            question.answer(say(&Answer::No(e.to_string())));
+            Err(e)
+        }
+    };
+    is_busy.store(false, Ordering::Relaxed);
+    match served {
+        Ok(line) => line.say(say(&Event::Left)),
+        Err(e @ Error::Interrupted(_)) => return Err(e),
+        Err(e) => tell(&plain(&format!("cannot be measured: {e}"))),
     }
     Ok(())
 }

@@ -18,21 +18,26 @@
 //! Times in messages are of the clock of the machine that they are on: the supervisor translates, in both directions, by
 //! what `offset.rs` knows of each host's clock.
 //!
-//! Only `engine.rs` names Zenoh, which carries the bytes.
+//! Only `engine.rs` names Zenoh, which carries the bytes, and `plain.rs`, which it is compared with.
 
 mod abroad;
+mod echo;
 mod engine;
 mod frame;
 mod key;
 mod listen;
 mod offset;
 mod orders;
+mod outbox;
 mod outgoing;
 mod patience;
+mod plain;
 mod plan;
 mod steward;
+mod tally;
 
 pub(crate) use abroad::Hosts;
+pub(crate) use echo::{Answering, Over, Partner};
 pub(crate) use listen::serve;
 pub(crate) use patience::Patience;
 pub(crate) use plan::Plan;

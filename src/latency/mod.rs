@@ -8,6 +8,8 @@ mod bus;
 mod futex;
 mod growth;
 mod hop;
+#[cfg(feature = "hosts")]
+mod hosts;
 mod kernel;
 mod memory;
 mod message;
@@ -22,6 +24,8 @@ mod transport;
 pub use bare::BareTeam;
 pub use growth::exponent;
 pub use hop::{Hop, PAYLOADS};
+#[cfg(feature = "hosts")]
+pub(crate) use hosts::{HostHop, HostTick, frame_of_observations};
 pub use memory::Memory;
 pub use played::{Played, Setup};
 pub use serve::run as serve;

@@ -1,5 +1,7 @@
 //! A swarm that plays to be measured.
 
+#[cfg(feature = "hosts")]
+use std::path::Path;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -38,6 +40,19 @@ impl Setup {
         &self.task
     }
 
+    /// The file of its policy.
+    #[cfg(feature = "hosts")]
+    pub(super) fn policy(&self) -> &Path {
+        &self.policy
+    }
+
+    /// What its agents run, in so many worlds.
+    pub(super) fn settings(&self, worlds: usize) -> AgentSettings {
+        let policy = PolicySource::File(self.policy.clone());
+        let imputer = PREFERRED.to_owned();
+        AgentSettings { policy, imputer, worlds, ..AgentSettings::of(self.task.spec()) }
+    }
+
     /// Bytes of the observation that an agent publishes for so many worlds.
     pub fn payload(&self, worlds: usize) -> usize {
         worlds * 4 * self.task.spec().padded_obs_dim()
@@ -60,11 +75,18 @@ pub struct Played {
 impl Played {
     /// Starts a team in so many worlds.
     pub fn start(setup: &Setup, worlds: usize, wait: Wait) -> Result<Played> {
+        Played::of(setup, worlds, |settings, policy| Processes::start(settings, policy, wait))
+    }
+
+    /// The same with a team that `start` starts.
+    pub(super) fn of(
+        setup: &Setup,
+        worlds: usize,
+        start: impl FnOnce(&AgentSettings, &Policy) -> Result<Processes>,
+    ) -> Result<Played> {
         let task = &setup.task;
-        let policy = PolicySource::File(setup.policy.clone());
-        let imputer = PREFERRED.to_owned();
-        let settings = AgentSettings { policy, imputer, worlds, ..AgentSettings::of(task.spec()) };
-        let team = Processes::start(&settings, &settings.policy.load(task.spec())?, wait)?;
+        let settings = setup.settings(worlds);
+        let team = start(&settings, &settings.policy.load(task.spec())?)?;
         let links = Links::level(1.0);
         Ok(Played { session: Session::new(task.environment(worlds), links, settings.seed), team })
     }
@@ -84,7 +106,8 @@ impl Played {
     /// its own where there are enough.
     pub fn play(&mut self, longest: Duration, each: impl FnMut(&[AgentTimes], Duration)) -> Result<()> {
         let processes: Vec<u32> = self.team.process_ids().collect();
-        let _pinned = Pinned::new(&processes);
+        // Where all agents are elsewhere, this one shall not be, either.
+        let _pinned = (!processes.is_empty()).then(|| Pinned::new(&processes));
         self.play_until(Stopwatch::new(longest / 10, 5, |_: &[AgentTimes], _| {}))?;
         self.play_until(Stopwatch::new(longest, 10, each))
     }

@@ -64,7 +64,7 @@ fn a_cut_cable_is_a_host_that_is_lost() {
     let Some(pair) = Pair::new([manners(0, 0.0); 2], "1s") else { return skipped() };
     let [left, right] = pair.hosts();
     let plan = plan(pair.folder.path(), &[left, right], "");
-    let supervisor = play(&plan, &[left, right], "--agents 4 --on-failure continue");
+    let supervisor = play(&plan, &[left, right], "--task hear-see --on-failure continue");
     pair.networks[1].relay().cut(true);
     // Both sides notice: the host ends its agents, and the others play on.
     right.assert_empty();
@@ -72,11 +72,15 @@ fn a_cut_cable_is_a_host_that_is_lost() {
     let (code, said) = end(supervisor);
     assert_eq!(code, Some(130), "{said}");
     left.assert_empty();
-    fail(&format!("spawn --agents 4 --hosts {}", plan.display()), 1, &["host right", "cannot be reached"]);
+    fail(
+        &format!("spawn --task hear-see --hosts {}", plan.display()),
+        1,
+        &["host right", "cannot be reached"],
+    );
     left.assert_empty();
     // Where nobody may be lost, the run ends.
     pair.networks[1].relay().cut(false);
-    let supervisor = play(&plan, &[left, right], "--agents 4 --on-failure abort");
+    let supervisor = play(&plan, &[left, right], "--task hear-see --on-failure abort");
     pair.networks[1].relay().cut(true);
     let output = supervisor.wait_with_output().unwrap();
     let said = stderr(&output);
@@ -95,7 +99,7 @@ fn who_interrupts_while_hosts_join_leaves_nothing_anywhere() {
 /// Starts a swarm, interrupts it as soon as `is_time`, and expects that it ends and leaves nothing.
 pub fn interrupt(pair: &Pair, is_time: impl Fn(&Pair) -> bool) {
     let plan = plan(pair.folder.path(), &pair.hosts(), "");
-    let mut command = common::command("spawn --agents 4 --episodes 10000000 --hosts");
+    let mut command = common::command("spawn --task hear-see --episodes 10000000 --hosts");
     let supervisor = command.arg(plan).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let deadline = Instant::now() + Duration::from_secs(30);
     while !is_time(pair) {

@@ -42,7 +42,7 @@ fn who_has_no_key_cannot_disturb_a_swarm() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let host = host(folder.path());
-    let supervisor = play(&plan(folder.path(), &[&host], ""), &[&host], "--agents 4");
+    let supervisor = play(&plan(folder.path(), &[&host], ""), &[&host], "--task hear-see");
     assert!(session(&host, None).is_err());
     assert!(session(&host, Some("w".repeat(32))).is_err());
     let noise = (0..20u8).map(|number| {
@@ -85,7 +85,7 @@ impl Stranger {
         self.overheard.try_iter().for_each(drop);
         loop {
             let heard = self.overheard.recv_timeout(Duration::from_secs(20)).expect("something travels");
-            // Frames begin with the version of the protocol, words with a brace.
+            // Frames begin with a number, which is seldom a brace, and words with one.
             if heard.0.contains(end) && heard.0.ends_with("hears") && !heard.1.starts_with(b"{") {
                 return heard;
             }
@@ -111,7 +111,7 @@ fn who_has_the_key_and_speaks_nonsense_ends_a_swarm_and_no_host() {
     let folder = tempfile::tempdir().unwrap();
     let host = host(folder.path());
     let plan = plan(folder.path(), &[&host], "");
-    let start = || play(&plan, &[&host], "--agents 4 --on-failure abort");
+    let start = || play(&plan, &[&host], "--task hear-see --on-failure abort");
     let supervisor = start();
     let stranger = Stranger::new(&host);
     // Questions do nothing to a swarm.
@@ -128,7 +128,7 @@ fn who_has_the_key_and_speaks_nonsense_ends_a_swarm_and_no_host() {
     let (name, _) = stranger.overhear("Supervisor");
     stranger.say(&name, b"nonsense".to_vec(), Encoding::APPLICATION_JSON);
     assert_ended(supervisor, &host);
-    succeed(&format!("spawn --agents 4 --episodes 1 --deadline 60s --hosts {}", plan.display()));
+    succeed(&format!("spawn --task hear-see --episodes 1 --deadline 60s --hosts {}", plan.display()));
 }
 
 /// Waits until the only host of a swarm is lost to it.

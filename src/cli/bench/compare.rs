@@ -50,7 +50,8 @@ struct Change {
 const DRIFT: f64 = 1.1;
 
 /// What says of which case an object is.
-const LABELS: [&str; 9] = ["task", "actor", "medium", "agents", "worlds", "wait", "payload", "p", "rate"];
+const LABELS: [&str; 11] =
+    ["task", "actor", "medium", "host", "hosts", "agents", "worlds", "wait", "payload", "p", "rate"];
 
 /// The ends of the names of figures that are the better the smaller, and those that are the better the larger.
 const SMALLER: [&str; 3] = ["_us", "_ms", "_mib"];

@@ -57,6 +57,12 @@ pub struct BenchLatency {
     #[arg(long, value_name = "S", default_value_t = 0.25, value_parser = some_seconds)]
     seconds: f64,
 
+    /// Measure hops to the hosts of this file instead, ticks over them, and policies on their way; with --agents and
+    /// --seconds
+    #[cfg(feature = "hosts")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["payloads", "wait", "svg"])]
+    hosts: Option<PathBuf>,
+
     /// Draw the figures into this file
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
@@ -77,6 +83,11 @@ impl BenchLatency {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         signals::install()?;
+        #[cfg(feature = "hosts")]
+        if let Some(path) = &self.hosts {
+            let measured = super::hosts::Measured::new(path, &self.agents, self.seconds)?;
+            return self.output.print(measured.json(), || measured.text());
+        }
         // A place that cannot be written is found before anything is measured.
         let svg = self.svg.as_deref().map(AtomicFile::create).transpose()?;
         let measured = self.measure()?;
@@ -277,18 +288,18 @@ fn tail(distribution: &Distribution) -> Vec<Point> {
     points
 }
 
-fn times(of: &Distribution) -> Vec<String> {
+pub(super) fn times(of: &Distribution) -> Vec<String> {
     let quantiles = QUANTILES.map(|(_, quantile)| us(of.quantile_us(quantile)));
     let rest = [us(of.quantile_us(1.0)), of.count().to_string(), of.overruns().to_string()];
     quantiles.into_iter().chain(rest).collect()
 }
 
-fn us(us: f64) -> String {
+pub(super) fn us(us: f64) -> String {
     format!("{us:.2}")
 }
 
 /// The ratio of the medians.
-fn ratio(of: &Distribution, to: &Distribution) -> String {
+pub(super) fn ratio(of: &Distribution, to: &Distribution) -> String {
     format!("{:.2}", of.quantile_us(0.5) / to.quantile_us(0.5))
 }
 

@@ -2,6 +2,8 @@
 
 mod agent;
 mod compare;
+#[cfg(feature = "hosts")]
+mod hosts;
 mod imputers;
 mod latency;
 mod rate;
