@@ -99,6 +99,16 @@ fn a_fit_hears_what_its_agents_hear() {
 }
 
 #[test]
+fn actions_on_the_truth_are_nothing_to_compare_with_where_actors_hear() {
+    let networks = sensing(super::settings(ActorKind::Gru, Sharing::Separate)).networks;
+    let hears = Policy::untrained(&dims(task().spec()), 3, networks).unwrap();
+    let fit = |loss| PredictorFit::new(&hears, &task(), &spec(), &settings(Feed::Truth, loss)).map(drop);
+    let error = fit(Loss::Kl).unwrap_err().to_string();
+    assert!(error.contains("the loss kl") && error.contains("take mse or nll"), "{error}");
+    fit(Loss::Mse).unwrap();
+}
+
+#[test]
 fn constants_are_found_and_held() {
     // A landmark stays where it is, and what hears of it sees it at a place that moves.
     let task = Task::parse("speaker-listener").unwrap();
