@@ -1,4 +1,4 @@
-//! The monotonic clock, by which all processes of a machine agree on the time.
+//! The monotonic clock, by which all processes of a machine agree on the time. Other machines have others.
 
 use std::num::NonZeroU64;
 use std::time::Duration;

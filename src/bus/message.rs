@@ -72,10 +72,10 @@ pub struct Header {
     /// Which weights are meant: 0 for those that agents start with, then counted up with each renewal. A
     /// [`Kind::Weights`] brings them; from the first step of an episode on they are in force.
     pub weights: u64,
-    /// When it was sent, nanoseconds of the monotonic clock.
+    /// When it was sent, nanoseconds of the monotonic clock of the machine that the message is on.
     pub sent_ns: u64,
-    /// When agents decide with the observations that have arrived, nanoseconds of the monotonic clock; 0 in lockstep,
-    /// where they wait for all of them.
+    /// When agents decide with the observations that have arrived, by the same clock; 0 in lockstep, where they wait for
+    /// all of them.
     pub deadline_ns: u64,
     /// The agents that are not there at this tick, bit by bit: nobody waits for them.
     pub absent: u64,

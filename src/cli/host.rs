@@ -21,7 +21,8 @@ Examples:
   (umask 077; echo \"swarm:$(openssl rand -hex 32)\" > swarm.key)
   vamaro-swarm host --listen tcp/0.0.0.0:7447 --key swarm.key")]
 pub struct Host {
-    /// Where to listen. Beyond this machine that needs --key
+    /// Where to listen. Beyond this machine that needs --key. With udp/HOST:PORT also for datagrams, by which
+    /// `spawn --links network` sends what may be lost (builds with the feature `hosts-udp`)
     #[arg(long, value_name = "tcp/HOST:PORT", default_value = "tcp/127.0.0.1:7447")]
     listen: String,
 

@@ -65,7 +65,8 @@ pub struct Spawn {
     drop: Option<f64>,
 
     /// Link models, listed below, or a file with a communication matrix, one row per receiver. --p or --drop puts a
-    /// `level` in front of them
+    /// `level` in front of them. With --hosts and --rate also `network`: nothing is emulated, and what the network
+    /// between the hosts loses or delays is lost
     #[arg(long, value_name = "LINKS|FILE")]
     links: Option<String>,
 
@@ -311,7 +312,7 @@ impl Spawn {
             let plan = Plan::read(path)?;
             // That a host is gone shall be noticed before its agents count as hung.
             let conduct = self.conduct(settings, scheduling, plan.patience.silence())?;
-            let hosts = Hosts::connect(&plan, settings.spec.n_agents())?;
+            let hosts = Hosts::connect(&plan, settings.spec.n_agents(), self.network_is_link())?;
             return Processes::start_also(Box::new(hosts), settings, policy, conduct);
         }
         Processes::start(settings, policy, self.conduct(settings, scheduling, Duration::ZERO)?)
@@ -330,13 +331,15 @@ impl Spawn {
         let on_failure = self.on_failure.unwrap_or(usual);
         // Ten times what an agent computes in a world, on one core for all of them.
         let rows = settings.spec.n_agents() * settings.worlds;
-        let answer = self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64) + silence);
+        // Of which an agent has four fifths to publish.
+        let answer = self.deadline.unwrap_or(Duration::from_millis(1000 + rows as u64) + silence * 5 / 4);
+        let deadlines = Deadlines::default();
         Ok(Conduct {
             wait: self.wait,
             rate: self.rate,
             scheduling,
             on_failure,
-            deadlines: Deadlines { answer, ..Deadlines::default() },
+            deadlines: Deadlines { answer, ready: deadlines.ready + silence, ..deadlines },
             command: None,
             others: self.other_agents.clone(),
         })

@@ -8,14 +8,16 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 
 use super::engine::{End, Engine, Heard, Line};
-use super::frame::{Frame, Shape};
+use super::frame::Shape;
 use super::key::Key;
 use super::offset::{Estimate, Exchange, Jump, Offset};
 use super::orders::{
     Answer, Event, Identity, Invitation, LARGEST_POLICY, Order, Question, bit_among, say, secret, understand,
 };
+use super::outbox::Outbox;
 use super::patience::Patience;
 use super::plan::{Plan, PlannedHost};
+use super::tally::Tally;
 use crate::agent::PolicySource;
 use crate::agent::process::ProcessSettings;
 use crate::base::error::{Error, Result};
@@ -63,7 +65,9 @@ pub(super) struct Host {
     /// Open as long as the host is there.
     line: Option<Line>,
     /// What it is sent next.
-    frame: Frame,
+    outbox: Outbox,
+    /// Of observations that come from there, and of those that have come there.
+    tallies: [Tally; 2],
     offset: Offset,
     /// What is known of its clock now.
     clock: Estimate,
@@ -72,16 +76,17 @@ pub(super) struct Host {
 }
 
 impl Hosts {
-    /// Connects to all hosts of a plan, for a team of so many.
+    /// Connects to all hosts of a plan, for a team of so many. Whether the network is the link: then it may lose
+    /// observations.
     ///
     /// # Errors
     /// `Lost` if a host cannot be reached, refuses the key or does not answer; `Failed` if it is of another version.
-    pub(crate) fn connect(plan: &Plan, team: usize) -> Result<Hosts> {
+    pub(crate) fn connect(plan: &Plan, team: usize, network_is_link: bool) -> Result<Hosts> {
         let (key, places) = (plan.key()?, plan.place(team)?);
         let mut hosts = Vec::new();
         // A host without agents has nothing to do.
         for (planned, agents) in plan.hosts.iter().zip(places).filter(|(_, agents)| *agents != 0) {
-            hosts.push(Host::connect(planned, key.as_ref(), plan.patience, agents)?);
+            hosts.push(Host::connect(planned, key.as_ref(), plan.patience, agents, network_is_link)?);
         }
         Ok(Hosts { hosts, swarm: None, dead: Vec::new(), frames: Arc::default() })
     }
@@ -103,16 +108,17 @@ impl Host {
         key: Option<&Key>,
         patience: Patience,
         agents: u64,
+        network_is_link: bool,
     ) -> Result<Host> {
         let PlannedHost { name, at, .. } = planned;
         let name = format!("host {name} ({at})");
         let engine = Engine::connect(at, key, patience).map_err(|e| lost(&name, e))?;
-        let host = Host::new(name, planned.clone(), engine, agents);
+        let host = Host::new(name, planned.clone(), engine, agents, network_is_link);
         host.greet()?;
         Ok(host)
     }
 
-    fn new(name: String, planned: PlannedHost, engine: Engine, agents: u64) -> Host {
+    fn new(name: String, planned: PlannedHost, engine: Engine, agents: u64, network_is_link: bool) -> Host {
         Host {
             name,
             planned,
@@ -120,7 +126,8 @@ impl Host {
             agents,
             running: 0,
             line: None,
-            frame: Frame::default(),
+            outbox: Outbox::new(network_is_link),
+            tallies: [Tally::default(); 2],
             offset: Offset::default(),
             clock: Estimate::default(),
             asks: Instant::now(),
@@ -174,7 +181,13 @@ impl Host {
         let (bell, secret) = (bell.clone(), secret()?);
         let line = self.engine.line(&secret, End::Supervisor, move || bell.ring())?;
         let (example, hash) = (example.clone(), fnv1a(policy.iter().copied()));
-        let invitation = Invitation { example, agents: self.agents, policy: hash, line: secret };
+        let invitation = Invitation {
+            example,
+            agents: self.agents,
+            policy: hash,
+            network_is_link: self.outbox.network_is_link,
+            line: secret,
+        };
         match self.ask(&Question::Join(Box::new(invitation)), policy, self.engine.patience.join())? {
             Answer::Yes => self.line = Some(line),
             Answer::No(why) => return Err(lost(&self.name, failed!("will not join: {why}"))),
@@ -193,14 +206,16 @@ impl Host {
         loop {
             let line = self.line.as_ref().expect("it has joined");
             let how = match line.hear_within(deadline.saturating_duration_since(Instant::now())) {
-                Some(Heard::Words(words, at_ns)) => match understand(&words)? {
-                    Event::Told { asked_ns, heard_ns, said_ns } => {
-                        self.note_time(Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
-                        return Ok(());
+                Some(Heard::Words(words, at_ns)) => {
+                    match understand(&words).map_err(|e| lost(&self.name, e))? {
+                        Event::Told { asked_ns, heard_ns, said_ns, .. } => {
+                            self.note_time(Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
+                            return Ok(());
+                        }
+                        Event::Failed(how) => format!("cannot go on: {how}"),
+                        _ => continue,
                     }
-                    Event::Failed(how) => format!("cannot go on: {how}"),
-                    _ => continue,
-                },
+                }
                 Some(Heard::Here | Heard::Frame(_)) => continue,
                 Some(Heard::Gone) => "cannot be reached any longer".to_owned(),
                 None => format!("does not tell the time within {longest:?}"),
@@ -230,13 +245,8 @@ impl Host {
 
     /// Adds a message to what it is sent next, with its times by the clock there.
     fn push(&mut self, header: &Header, words: &[u32]) {
-        let deadline_ns = Some(header.deadline_ns).filter(|deadline_ns| *deadline_ns > 0);
-        let header = Header {
-            sent_ns: self.clock.theirs(header.sent_ns),
-            deadline_ns: deadline_ns.map_or(0, |deadline_ns| self.clock.theirs(deadline_ns)),
-            ..*header
-        };
-        self.frame.push(&header, words);
+        let header = translated(header, |ns| self.clock.theirs(ns));
+        self.outbox.push(&header, words);
     }
 
     fn order(&self, order: Order) {
@@ -278,7 +288,8 @@ impl Host {
                 say_aloud(format!("[agent-{agent}] {line}"));
                 Ok(())
             }
-            Event::Told { asked_ns, heard_ns, said_ns } => {
+            Event::Told { asked_ns, heard_ns, said_ns, tally } => {
+                self.tallies[1] = tally;
                 self.note_time(Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
                 Ok(())
             }
@@ -290,9 +301,10 @@ impl Host {
 
 impl Presence {
     /// Puts messages of a host on the bus, with their times by our clock.
-    fn bring(&self, bytes: &[u8], host: &Host) -> Result<()> {
-        let Host { running, agents, clock, .. } = *host;
-        self.shape.each(bytes, |header, words| {
+    fn bring(&self, bytes: &[u8], host: &mut Host) -> Result<()> {
+        let Host { running, agents, clock, tallies: [tally, _], .. } = host;
+        let (running, agents, clock, now_ns) = (*running, *agents, *clock, now_ns());
+        let numbers = self.shape.each(bytes, |header, words| {
             let agent = header.sender;
             if agents >> agent & 1 == 0 {
                 return Err(failed!("sent a message of agent-{agent}, which is not there"));
@@ -301,10 +313,14 @@ impl Presence {
             if running >> agent & 1 == 0 {
                 return Ok(());
             }
-            let header = Header { swarm: self.swarm, sent_ns: clock.ours(header.sent_ns), ..header };
+            let header = translated(&header, |ns| clock.ours(ns));
+            let header = Header { swarm: self.swarm, ..header };
             let copy = |to: &mut [u32]| bytemuck::cast_slice_mut(to).copy_from_slice(words);
             match header.kind {
-                kind if kind == Kind::Observation as u32 => self.stand_ins.publish_observation(header, copy),
+                kind if kind == Kind::Observation as u32 => {
+                    tally.note_time(now_ns, header.deadline_ns);
+                    self.stand_ins.publish_observation(header, copy)
+                }
                 kind if kind == Kind::Ready as u32 => self.stand_ins.publish_decision(header, copy),
                 kind if kind == Kind::Decision as u32 => self.stand_ins.publish_decision(header, |to| {
                     copy(to);
@@ -312,7 +328,9 @@ impl Presence {
                 }),
                 kind => Err(failed!("sent a message of kind {kind}, which no agent sends")),
             }
-        })
+        })?;
+        tally.note(&numbers);
+        Ok(())
     }
 }
 
@@ -410,22 +428,25 @@ impl Elsewhere for Hosts {
             let others = hosts.iter_mut().filter(|host| host.agents >> sender & 1 == 0);
             others.for_each(|host| host.push(sample.header(), sample.words()));
         }
-        for host in hosts.iter_mut().filter(|host| !host.frame.is_empty()) {
-            let frame = host.frame.take();
-            if let Some(line) = &host.line {
-                line.send(frame);
-                frames.fetch_add(1, Ordering::Relaxed);
+        let now = Instant::now();
+        for host in hosts {
+            frames.fetch_add(host.outbox.send(host.line.as_ref()), Ordering::Relaxed);
+            if host.asks <= now {
+                host.ask_time();
             }
         }
-        let now = Instant::now();
-        hosts.iter_mut().filter(|host| host.asks <= now).for_each(Host::ask_time);
         Ok(())
     }
 
     fn report(&self) -> Vec<HostReport> {
         let of = |host: &Host| {
             let clock = host.offset.at(now_ns()).unwrap_or_default();
+            let [here, there] = &host.tallies;
+            let [observations, lost, delayed] = here.and(there);
             HostReport {
+                observations,
+                lost,
+                delayed,
                 name: host.planned.name.clone(),
                 at: host.planned.at.clone(),
                 agents: host.agents,
@@ -468,6 +489,13 @@ impl Elsewhere for Hosts {
     }
 }
 
+/// A header with its times by another clock.
+fn translated(header: &Header, translate: impl Fn(u64) -> u64) -> Header {
+    // In lockstep there is no deadline.
+    let deadline_ns = if header.deadline_ns == 0 { 0 } else { translate(header.deadline_ns) };
+    Header { sent_ns: translate(header.sent_ns), deadline_ns, ..*header }
+}
+
 /// What is wrong with a host, unless it is that the program was asked to stop.
 fn lost(name: &str, e: Error) -> Error {
     match e {
@@ -493,7 +521,7 @@ mod tests {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let engine = Engine::listen(&format!("tcp/127.0.0.1:{port}"), None, Patience::default()).unwrap();
         let planned = PlannedHost { name: "left".to_owned(), at: "tcp/127.0.0.1:1".to_owned(), agents: None };
-        let mut host = Host::new("left".to_owned(), planned, engine, 0b10);
+        let mut host = Host::new("left".to_owned(), planned, engine, 0b10, false);
         host.running = 0b10;
         let mut dead = Vec::new();
         let mut ended = |agent| {
@@ -523,7 +551,7 @@ mod tests {
         let path = folder.path().join("hosts.toml");
         std::fs::write(&path, format!("[[host]]\nname = \"left\"\nat = \"{at}\"\n")).unwrap();
         for what in ["9.9.9", "--patience 2s"] {
-            let error = Hosts::connect(&Plan::read(&path).unwrap(), 2).unwrap_err().to_string();
+            let error = Hosts::connect(&Plan::read(&path).unwrap(), 2, false).unwrap_err().to_string();
             assert!(error.contains("host left") && error.contains(what), "{error}");
         }
     }

@@ -102,7 +102,7 @@ impl Partner {
     pub(crate) fn connect(plan: &Plan, hosts: usize) -> Result<Vec<Partner>> {
         let key = plan.key()?;
         let connect = |planned: &super::plan::PlannedHost| {
-            Ok(Partner { host: Host::connect(planned, key.as_ref(), plan.patience, 0)? })
+            Ok(Partner { host: Host::connect(planned, key.as_ref(), plan.patience, 0, false)? })
         };
         plan.hosts.iter().take(hosts).map(connect).collect()
     }

@@ -9,11 +9,12 @@
 //! keeps nobody from reading who has been let in: names may be asked for by a pattern.
 
 use std::borrow::Cow;
-use std::net::{TcpListener, TcpStream, ToSocketAddrs};
+use std::net::{TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, bounded};
+use serde_json::{Value, json};
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
@@ -25,6 +26,7 @@ use zenoh::{Config, Session, Wait};
 use super::key::Key;
 use super::orders::LARGEST_POLICY;
 use super::patience::Patience;
+use super::plan::{socket_of, takes_datagrams};
 use crate::base::error::Result;
 use crate::bus::now_ns;
 use crate::failed;
@@ -32,6 +34,13 @@ use crate::supervisor::signals;
 
 /// Where a host is asked.
 const QUESTIONS: &str = "vamaro-swarm/questions";
+
+/// The answers that a connection by datagrams may take, which are tried so often each: a datagram may be lost.
+const LONGEST_BY_DATAGRAMS: u32 = 5;
+const ATTEMPTS: u32 = 3;
+
+/// Streams and datagrams between two ends, those included of attempts of which one side does not know yet that they failed.
+const MOST_LINKS: usize = 16;
 
 /// Who sends so many messages that nobody has taken is cut off: in lockstep a few are under way.
 const MOST_HEARD: usize = 4096;
@@ -88,6 +97,8 @@ pub(super) enum Heard {
 /// One end of the line between a supervisor and a host.
 pub(super) struct Line {
     speaks: Publisher<'static>,
+    /// The same over what may lose it.
+    throws: Publisher<'static>,
     heard: Receiver<Heard>,
     _hears: Subscriber<()>,
     _watches: Subscriber<()>,
@@ -99,9 +110,11 @@ impl Engine {
     /// Listens at an address, for all that have the key.
     pub(super) fn listen(at: &str, key: Option<&Key>, patience: Patience) -> Result<Engine> {
         let key = key.map(|key| ("transport/auth/usrpwd/dictionary_file", key.path.to_string_lossy().into()));
-        let own = [("mode", "peer".into()), ("listen/endpoints", [at].as_slice().into())];
+        let own = [("mode", "peer".into()), ("listen/endpoints", endpoints(at).into()), links(at)];
         // The engine is short of words, too, for why it cannot.
-        let bound = TcpListener::bind(at.trim_start_matches("tcp/"));
+        let bound = TcpListener::bind(socket_of(at));
+        let bound =
+            bound.and_then(|_| takes_datagrams(at).then(|| UdpSocket::bind(socket_of(at))).transpose());
         drop(bound.map_err(|e| failed!("cannot listen at {at}: {e}; is another host running here?"))?);
         let session = open(patience, own.into_iter().chain(key));
         let session = session.map_err(|e| failed!("cannot listen at {at}: {}", words(&e)))?;
@@ -127,20 +140,33 @@ impl Engine {
 
     fn connect_now(at: &str, key: Option<&Key>, patience: Patience) -> Result<Engine> {
         let key = key.map(|key| {
-            let user = serde_json::json!({"user": key.name, "password": key.secret});
+            let user = json!({"user": key.name, "password": key.secret});
             ("transport/auth/usrpwd", user)
         });
+        let by_stream = [("mode", "client".into()), ("connect/timeout_ms", milliseconds(patience.reply()))];
+        // A client has one link only.
+        let by_datagrams = [
+            ("mode", "peer".into()),
+            ("listen/endpoints", json!([])),
+            ("connect/timeout_ms", milliseconds(LONGEST_BY_DATAGRAMS * patience.reply())),
+            ("connect/retry", json!({"period_init_ms": 100, "period_max_ms": 100})),
+            ("transport/unicast/open_timeout", milliseconds(patience.reply() / ATTEMPTS)),
+        ];
+        let (how, also) = if takes_datagrams(at) {
+            (by_datagrams.to_vec(), ", and do datagrams get through")
+        } else {
+            (by_stream.to_vec(), "")
+        };
         let own = [
-            ("mode", "client".into()),
-            ("connect/endpoints", [at].as_slice().into()),
-            ("connect/timeout_ms", (patience.reply().as_millis() as u64).into()),
+            ("connect/endpoints", endpoints(at).into()),
             ("connect/exit_on_failure", true.into()),
+            links(at),
         ];
         knock(at, patience.reply())
             .map_err(|e| failed!("cannot be reached: {e}; is `vamaro-swarm host` running there?"))?;
-        let session = open(patience, own.into_iter().chain(key));
+        let session = open(patience, own.into_iter().chain(how).chain(key));
         let session =
-            session.map_err(|e| failed!("does not let us in: is its key the same? ({})", words(&e)))?;
+            session.map_err(|e| failed!("does not let us in: is its key the same{also}? ({})", words(&e)))?;
         Ok(Engine { session, patience })
     }
 
@@ -185,6 +211,13 @@ impl Engine {
         let key = |end: End, what: &str| format!("vamaro-swarm/{secret}/{end:?}/{what}");
         let other = end.other();
         let wrong = |e: zenoh::Error| failed!("cannot open the line: {e}");
+        let publisher = |congestion| {
+            let publisher = self.session.declare_publisher(key(other, "hears"));
+            publisher.congestion_control(congestion).priority(Priority::RealTime).express(true)
+        };
+        let throws = publisher(CongestionControl::Drop);
+        #[cfg(feature = "hosts-udp")]
+        let throws = throws.reliability(zenoh::qos::Reliability::BestEffort);
         let (sender, heard) = bounded(MOST_HEARD);
         let inlet = Inlet(Arc::new(Mutex::new(Some(sender))));
         let pass = |inlet: Inlet| {
@@ -210,14 +243,8 @@ impl Engine {
             _hears: hears.wait().map_err(wrong)?,
             _watches: watches.wait().map_err(wrong)?,
             _lives: self.session.liveliness().declare_token(key(end, "lives")).wait().map_err(wrong)?,
-            speaks: self
-                .session
-                .declare_publisher(key(other, "hears"))
-                .congestion_control(CongestionControl::Block)
-                .priority(Priority::RealTime)
-                .express(true)
-                .wait()
-                .map_err(wrong)?,
+            speaks: publisher(CongestionControl::Block).wait().map_err(wrong)?,
+            throws: throws.wait().map_err(wrong)?,
             heard,
         })
     }
@@ -244,6 +271,11 @@ impl Line {
     /// Sends messages to the other side. That it is gone, if it is, is heard.
     pub(super) fn send(&self, frame: Vec<u8>) {
         let _ = self.speaks.put(frame).wait();
+    }
+
+    /// Sends messages that may be lost, if that is how the network is: by datagrams, where there are any.
+    pub(super) fn send_or_lose(&self, frame: Vec<u8>) {
+        let _ = self.throws.put(frame).wait();
     }
 
     /// Sends orders or events.
@@ -284,7 +316,7 @@ impl Inlet {
 /// Sees whether somebody listens there, since the engine does not say why it cannot connect.
 fn knock(at: &str, longest: Duration) -> std::io::Result<()> {
     let mut last = std::io::Error::other("it has no address");
-    for address in at.trim_start_matches("tcp/").to_socket_addrs()? {
+    for address in socket_of(at).to_socket_addrs()? {
         match TcpStream::connect_timeout(&address, longest) {
             Ok(_) => return Ok(()),
             Err(e) => last = e,
@@ -293,23 +325,37 @@ fn knock(at: &str, longest: Duration) -> std::io::Result<()> {
     Err(last)
 }
 
+/// Where the engine listens, or connects to, for an address: datagrams come beside a stream, at the same port. Then all
+/// goes over the stream but for what may be lost.
+fn endpoints(at: &str) -> Vec<String> {
+    let datagrams = takes_datagrams(at).then(|| at.to_owned());
+    [format!("tcp/{}", socket_of(at))].into_iter().chain(datagrams).collect()
+}
+
+/// How many links there may be between two ends.
+fn links(at: &str) -> (&'static str, Value) {
+    ("transport/unicast/max_links", if takes_datagrams(at) { MOST_LINKS } else { 1 }.into())
+}
+
+/// A time, as the engine takes it.
+fn milliseconds(time: Duration) -> Value {
+    (time.as_millis() as u64).into()
+}
+
 /// What the engine says of an error, without the places in its source.
 fn words(e: &zenoh::Error) -> String {
     e.to_string().split(" at /").next().unwrap_or_default().to_owned()
 }
 
 /// Opens a session: nothing is found by itself, nor read from files or the environment.
-fn open(
-    patience: Patience,
-    own: impl Iterator<Item = (&'static str, serde_json::Value)>,
-) -> zenoh::Result<Session> {
+fn open(patience: Patience, own: impl Iterator<Item = (&'static str, Value)>) -> zenoh::Result<Session> {
     let [silence, reply] = [patience.silence(), patience.reply()];
     let common = [
         ("scouting/multicast/enabled", false.into()),
         ("scouting/gossip/enabled", false.into()),
-        ("transport/link/tx/lease", (silence.as_millis() as u64).into()),
-        ("transport/unicast/open_timeout", (reply.as_millis() as u64).into()),
-        ("transport/unicast/accept_timeout", (reply.as_millis() as u64).into()),
+        ("transport/link/tx/lease", milliseconds(silence)),
+        ("transport/unicast/open_timeout", milliseconds(reply)),
+        ("transport/unicast/accept_timeout", milliseconds(reply)),
         ("transport/link/rx/max_message_size", LONGEST_MESSAGE.into()),
         // Who takes nothing for so long is gone as well, us.
         (

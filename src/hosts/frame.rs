@@ -1,4 +1,7 @@
-//! Messages of the bus, one behind the other, as they travel between machines: header and words of each.
+//! Messages of the bus, one behind the other, as they travel between machines: header and words of each. Observations are
+//! numbered, so that the other side knows what the network has lost: a frame begins with the number of its first one.
+
+use std::ops::Range;
 
 use crate::base::error::Result;
 use crate::bus::{Header, Kind, Layout, PROTOCOL};
@@ -6,26 +9,32 @@ use crate::failed;
 
 const HEADER: usize = size_of::<Header>();
 
+/// The bytes of a number.
+const NUMBER: usize = size_of::<u64>();
+
 /// Messages that travel together.
 #[derive(Debug, Default)]
 pub(super) struct Frame {
     bytes: Vec<u8>,
+    /// Observations in frames before, and with those in this one.
+    numbers: Range<u64>,
 }
 
 impl Frame {
     /// Adds a message.
     pub(super) fn push(&mut self, header: &Header, words: &[u32]) {
+        if self.bytes.is_empty() {
+            self.bytes.extend_from_slice(&self.numbers.start.to_le_bytes());
+        }
+        self.numbers.end += u64::from(header.kind == Kind::Observation as u32);
         self.bytes.extend_from_slice(bytemuck::bytes_of(header));
         self.bytes.extend_from_slice(bytemuck::cast_slice(words));
     }
 
-    pub(super) fn is_empty(&self) -> bool {
-        self.bytes.is_empty()
-    }
-
-    /// The bytes of all messages; there are none in it afterwards.
-    pub(super) fn take(&mut self) -> Vec<u8> {
-        std::mem::take(&mut self.bytes)
+    /// The bytes of all messages, if there are any; there are none in it afterwards.
+    pub(super) fn take(&mut self) -> Option<Vec<u8>> {
+        self.numbers.start = self.numbers.end;
+        Some(std::mem::take(&mut self.bytes)).filter(|bytes| !bytes.is_empty())
     }
 }
 
@@ -38,15 +47,21 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// Hands over the messages in some bytes: each header, and the bytes of its words.
+    /// Hands over the messages in the bytes of a frame: each header, and the bytes of its words. Returns the numbers of its
+    /// observations.
     ///
     /// # Errors
     /// `Failed` if they are not messages of such a swarm, of version [`PROTOCOL`] and as long as they say.
     pub(super) fn each(
         &self,
-        mut bytes: &[u8],
+        bytes: &[u8],
         mut take: impl FnMut(Header, &[u8]) -> Result<()>,
-    ) -> Result<()> {
+    ) -> Result<Range<u64>> {
+        // None is sent that has no message.
+        let frame = bytes.split_first_chunk::<NUMBER>().filter(|(_, messages)| !messages.is_empty());
+        let (first, mut bytes) = frame.ok_or_else(|| failed!("a frame is cut off"))?;
+        let first = u64::from_le_bytes(*first);
+        let mut numbers = first..first;
         while !bytes.is_empty() {
             let (header, rest) =
                 bytes.split_at_checked(HEADER).ok_or_else(|| failed!("a message is cut off"))?;
@@ -55,10 +70,11 @@ impl Shape {
             let length = length.ok_or_else(|| failed!("a message cannot be read: {header:?}"))?;
             let words = rest.split_at_checked(length * size_of::<u32>());
             let (words, rest) = words.ok_or_else(|| failed!("a message is cut off"))?;
+            numbers.end = numbers.end.saturating_add(u64::from(header.kind == Kind::Observation as u32));
             take(header, words)?;
             bytes = rest;
         }
-        Ok(())
+        Ok(numbers)
     }
 
     /// The words of a message with this header, if it can be one.
@@ -98,8 +114,8 @@ mod tests {
     fn messages_come_back_in_order() {
         let (mut frame, sent) = (Frame::default(), [observation(0, 2), observation(1, 1)]);
         sent.iter().for_each(|(header, words)| frame.push(header, words));
-        let (bytes, mut came) = (frame.take(), Vec::new());
-        assert!(frame.is_empty());
+        let (bytes, mut came) = (frame.take().unwrap(), Vec::new());
+        assert_eq!(frame.take(), None);
         let take = |header, words: &[u8]| {
             came.push((
                 header,
@@ -107,8 +123,11 @@ mod tests {
             ));
             Ok(())
         };
-        SHAPE.each(&bytes, take).unwrap();
+        assert_eq!(SHAPE.each(&bytes, take).unwrap(), 0..2);
         assert_eq!(came, sent);
+        // The next one goes on from there.
+        sent.iter().for_each(|(header, words)| frame.push(header, words));
+        assert_eq!(SHAPE.each(&frame.take().unwrap(), |_, _| Ok(())).unwrap(), 2..4);
     }
 
     #[test]
@@ -116,7 +135,7 @@ mod tests {
         let refused = |(header, words): (Header, Vec<u32>), cut: usize| {
             let mut frame = Frame::default();
             frame.push(&header, &words);
-            let bytes = frame.take();
+            let bytes = frame.take().unwrap();
             SHAPE.each(&bytes[..bytes.len() - cut], |_, _| Ok(())).is_err()
         };
         let (header, words) = observation(0, 1);
@@ -125,6 +144,7 @@ mod tests {
             change(&mut header);
             (header, words.clone())
         };
+        assert!([7, 8, 9].iter().all(|length| SHAPE.each(&vec![0; *length], |_, _| Ok(())).is_err()));
         assert!(!refused((header, words.clone()), 0));
         assert!(refused((header, words.clone()), 1) && refused((header, words.clone()), 13));
         assert!(refused(observation(2, 1), 0), "no such agent");

@@ -28,11 +28,13 @@ mod key;
 mod listen;
 mod offset;
 mod orders;
+mod outbox;
 mod outgoing;
 mod patience;
 mod plain;
 mod plan;
 mod steward;
+mod tally;
 
 pub(crate) use abroad::Hosts;
 pub(crate) use echo::{Answering, Over, Partner};

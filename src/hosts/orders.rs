@@ -6,6 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, de::DeserializeOwned};
 
 use super::echo::Echo;
 use super::patience::Patience;
+use super::tally::Tally;
 use crate::agent::process::ProcessSettings;
 use crate::base::error::Result;
 use crate::bus::PROTOCOL;
@@ -38,6 +39,8 @@ pub(super) struct Invitation {
     pub(super) agents: u64,
     /// The hash of the policy file.
     pub(super) policy: u64,
+    /// Whether the network is the link: then observations may be lost on the way.
+    pub(super) network_is_link: bool,
     /// The secret in the names of the line, from [`secret`].
     pub(super) line: String,
 }
@@ -120,7 +123,8 @@ pub(super) enum Event {
         how: String,
     },
     /// The time, by this host's clock: when it was asked, and now.
-    Told { asked_ns: u64, heard_ns: u64, said_ns: u64 },
+    /// What has come from the supervisor is counted, too.
+    Told { asked_ns: u64, heard_ns: u64, said_ns: u64, tally: Tally },
     /// An agent has written a line to stderr.
     Said {
         agent: usize,

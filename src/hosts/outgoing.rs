@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::frame::Frame;
+use super::outbox::Outbox;
 use crate::bus::Header;
 
 /// How long what some agents have answered waits for the others: who is slower has a frame of its own.
@@ -14,7 +14,7 @@ const SHORT_PATIENCE: Duration = Duration::from_millis(1);
 /// What is to be sent, and who is waited for.
 pub(super) struct Outgoing {
     patience: Duration,
-    frame: Frame,
+    pub(super) outbox: Outbox,
     /// When the first message came in.
     since: Option<Instant>,
     /// Whether it cannot wait for others.
@@ -29,11 +29,11 @@ pub(super) struct Outgoing {
 }
 
 impl Outgoing {
-    /// Nothing is to be sent by a swarm in lockstep, or `real_time`.
-    pub(super) fn new(real_time: bool) -> Outgoing {
+    /// Nothing is to be sent by a swarm in lockstep, or `real_time`; the network may be the link there.
+    pub(super) fn new(real_time: bool, network_is_link: bool) -> Outgoing {
         Outgoing {
             patience: if real_time { SHORT_PATIENCE } else { PATIENCE },
-            frame: Frame::default(),
+            outbox: Outbox::new(network_is_link),
             since: None,
             is_urgent: false,
             has_decisions: false,
@@ -45,7 +45,7 @@ impl Outgoing {
 
     /// Adds a message.
     pub(super) fn push(&mut self, header: &Header, words: &[u32]) {
-        self.frame.push(header, words);
+        self.outbox.push(header, words);
         self.since.get_or_insert_with(Instant::now);
     }
 
@@ -54,16 +54,17 @@ impl Outgoing {
         self.since.map(|since| self.patience.saturating_sub(since.elapsed()))
     }
 
-    /// What is complete, or has waited for long enough. `running` are the agents that can still answer.
-    pub(super) fn take_due(&mut self, running: u64) -> Option<Vec<u8>> {
-        let waits = self.longest_wait()?;
+    /// Whether what there is shall be sent now: it is complete, or has waited for long enough. `running` are the agents that
+    /// can still answer.
+    pub(super) fn take_due(&mut self, running: u64) -> bool {
+        let Some(waits) = self.longest_wait() else { return false };
         let is_complete =
             self.silent & running == 0 && !(self.has_decisions && self.undecided & running != 0);
         if !is_complete && !self.is_urgent && !waits.is_zero() {
-            return None;
+            return false;
         }
         (self.since, self.is_urgent, self.has_decisions) = (None, false, false);
-        Some(self.frame.take())
+        true
     }
 
     /// Whether all have published and some are to decide, with nothing to come from elsewhere.

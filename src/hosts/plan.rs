@@ -35,7 +35,7 @@ pub(crate) struct Plan {
 pub(super) struct PlannedHost {
     /// What it is called in errors.
     pub(super) name: String,
-    /// Where it listens, such as `tcp/192.168.1.11:7447`.
+    /// Where it listens, such as `tcp/192.168.1.11:7447`; `udp/..` if it takes datagrams, too.
     pub(super) at: String,
     /// The agents that run there, if the file says so.
     pub(super) agents: Option<Vec<usize>>,
@@ -66,7 +66,9 @@ impl Plan {
                 ));
             }
             let others = &plan.hosts[..index];
-            if let Some(other) = others.iter().find(|other| other.name == *name || other.at == *at) {
+            if let Some(other) =
+                others.iter().find(|other| other.name == *name || socket_of(&other.at) == socket_of(at))
+            {
                 return wrong(format!(
                     "host {name} ({at}) is there twice: see {} ({})",
                     other.name, other.at
@@ -123,16 +125,33 @@ impl Plan {
 
 /// What is wrong with the address of a host.
 pub(super) fn check_address(at: &str) -> std::result::Result<(), &'static str> {
-    let port = at.strip_prefix("tcp/").and_then(|rest| rest.rsplit_once(':'));
-    match port {
-        Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0) => Ok(()),
+    if takes_datagrams(at) && !cfg!(feature = "hosts-udp") {
+        return Err("and this program has no datagrams: build it with `--features hosts-udp`, or use tcp/");
+    }
+    let has_kind = at.starts_with("tcp/") || takes_datagrams(at);
+    match socket_of(at).rsplit_once(':') {
+        Some((host, port))
+            if has_kind && !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0) =>
+        {
+            Ok(())
+        }
         _ => Err("which is no address such as tcp/192.168.1.11:7447"),
     }
 }
 
+/// Whether a host takes datagrams at an address, and not a stream only.
+pub(super) fn takes_datagrams(at: &str) -> bool {
+    at.starts_with("udp/")
+}
+
+/// The socket of an address: `HOST:PORT`.
+pub(super) fn socket_of(at: &str) -> &str {
+    at.split_once('/').map_or(at, |(_, socket)| socket)
+}
+
 /// Whether nobody on another machine can get at an address.
 pub(super) fn is_within_this_machine(at: &str) -> bool {
-    let addresses = at.trim_start_matches("tcp/").to_socket_addrs();
+    let addresses = socket_of(at).to_socket_addrs();
     addresses.is_ok_and(|mut addresses| addresses.all(|address| address.ip().is_loopback()))
 }
 

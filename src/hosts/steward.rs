@@ -11,6 +11,7 @@ use super::engine::{End, Engine, Heard, Line};
 use super::frame::Shape;
 use super::orders::{Event, Invitation, LARGEST_POLICY, Order, bit_among, is_secret, say, understand};
 use super::outgoing::Outgoing;
+use super::tally::Tally;
 use crate::agent::PolicySource;
 use crate::agent::process::ProcessSettings;
 use crate::base::error::Result;
@@ -49,6 +50,8 @@ pub(super) struct Steward {
     /// How often each had been started before.
     incarnations: Vec<u32>,
     out: Outgoing,
+    /// Of observations that come from elsewhere.
+    tally: Tally,
     /// What agents say on stderr.
     said: Receiver<(usize, String)>,
     children: Children,
@@ -62,7 +65,7 @@ pub(super) struct Steward {
 impl Steward {
     /// Makes room for the agents, and opens the line.
     pub(super) fn join(engine: &Engine, invitation: &Invitation, policy: &[u8]) -> Result<Steward> {
-        let Invitation { example, agents: own, policy: hash, line } = invitation;
+        let Invitation { example, agents: own, policy: hash, network_is_link, line } = invitation;
         example.check()?;
         let (team, layout) = (example.address.agents, example.settings.layout());
         let everybody = u64::MAX >> (u64::BITS as usize - team);
@@ -110,7 +113,8 @@ impl Steward {
             running: 0,
             unready: *own,
             incarnations: vec![0; team],
-            out: Outgoing::new(address.real_time),
+            out: Outgoing::new(address.real_time, *network_is_link),
+            tally: Tally::default(),
             said,
             children,
             voices: (others != 0).then(|| Voices::open(address, &layout, others)).transpose()?,
@@ -140,7 +144,8 @@ impl Steward {
                         Order::Signal { agent, signal } => self.signal(agent, signal)?,
                         Order::End { agent } => self.end(agent)?,
                         Order::Tell { asked_ns } => {
-                            self.line.say(say(&Event::Told { asked_ns, heard_ns, said_ns: now_ns() }));
+                            let (said_ns, tally) = (now_ns(), self.tally);
+                            self.line.say(say(&Event::Told { asked_ns, heard_ns, said_ns, tally }));
                         }
                     },
                 }
@@ -161,15 +166,16 @@ impl Steward {
 
     /// Puts on the bus what the supervisor and the agents elsewhere have sent.
     fn take_frame(&mut self, bytes: &[u8]) -> Result<()> {
-        let Steward { port, voices, out, own, .. } = self;
-        let (shape, swarm) = (self.shape, self.example.address.id());
+        let Steward { port, voices, out, own, tally, .. } = self;
+        let (shape, swarm, now_ns) = (self.shape, self.example.address.id(), now_ns());
         let everybody = u64::MAX >> (u64::BITS as usize - shape.layout.agents);
-        shape.each(bytes, |header, words| {
+        let numbers = shape.each(bytes, |header, words| {
             let (agent, bit) = (header.sender as usize, 1 << header.sender);
             let header = Header { swarm, ..header };
             let copy = |to: &mut [u32]| bytemuck::cast_slice_mut(to).copy_from_slice(words);
             match header.kind {
                 kind if kind == Kind::Observation as u32 && *own & bit == 0 => {
+                    tally.note_time(now_ns, header.deadline_ns);
                     voices.as_ref().map_or(Ok(()), |voices| voices.publish_observation(header, copy))
                 }
                 kind if kind == Kind::Sensor as u32 && *own & bit != 0 => {
@@ -185,7 +191,9 @@ impl Steward {
                 }
                 kind => Err(failed!("the supervisor sent agent-{agent} a message of kind {kind}")),
             }
-        })
+        })?;
+        tally.note(&numbers);
+        Ok(())
     }
 
     /// The bit of an agent that the supervisor names.
@@ -263,8 +271,10 @@ impl Steward {
 
     /// Sends what is complete, or has waited for long enough.
     fn send_due(&mut self) -> Result<()> {
-        let Some(frame) = self.out.take_due(self.running) else { return Ok(()) };
-        self.line.send(frame);
+        if !self.out.take_due(self.running) {
+            return Ok(());
+        }
+        self.out.outbox.send(Some(&self.line));
         if self.out.must_wake(self.running) {
             // Nothing comes from elsewhere that would wake them.
             self.port.wake_agents()?;
@@ -324,7 +334,8 @@ mod tests {
             settings,
         };
         let line = secret().unwrap();
-        let invitation = Invitation { example, agents: 0b01, policy: fnv1a(*b"policy"), line };
+        let invitation =
+            Invitation { example, agents: 0b01, policy: fnv1a(*b"policy"), network_is_link: false, line };
         let refused = |invitation: &Invitation, policy: &[u8]| {
             Steward::join(&engine, invitation, policy).err().expect("it is refused").to_string()
         };

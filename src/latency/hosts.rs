@@ -114,7 +114,7 @@ impl HostTick {
     }
 
     fn play(&mut self, plan: &Plan, setup: &Setup, longest: Duration) -> Result<()> {
-        let hosts = Hosts::connect(plan, self.agents)?;
+        let hosts = Hosts::connect(plan, self.agents, false)?;
         let frames = hosts.frames();
         let answer = Deadlines::default().answer + plan.patience.silence();
         let deadlines = Deadlines { answer, ..Deadlines::default() };

@@ -19,6 +19,7 @@ mod level;
 mod links;
 mod matrix;
 mod netem;
+mod network;
 mod part;
 mod range;
 mod registry;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::part::{Part, split};
 use super::registry::{Argument, Model, Parameter};
-use super::{CommunicationMatrix, Links, RadioLog, matrix, netem};
+use super::{CommunicationMatrix, Links, RadioLog, matrix, netem, network};
 use crate::base::error::Result;
 use crate::base::regular;
 use crate::environment::Spec;
@@ -79,6 +79,11 @@ impl LinkSpec {
     pub(crate) fn fixed(rows: &[Vec<f64>], agents: usize) -> Result<LinkSpec> {
         let matrix = Argument::Matrix(Arc::new(CommunicationMatrix::of(rows, agents)?));
         Ok(LinkSpec { parts: vec![Part { model: &matrix::MODEL, arguments: vec![matrix] }] })
+    }
+
+    /// What is sent is lost or delayed by the network between machines, and by nothing else.
+    pub(crate) fn network() -> LinkSpec {
+        LinkSpec { parts: vec![Part { model: &network::MODEL, arguments: Vec::new() }] }
     }
 
     /// These links, and others behind them.
@@ -225,6 +230,12 @@ mod tests {
         assert_eq!(LinkSpec::parse("level(0.3)", 2).unwrap().p(), Some(0.3));
         assert_eq!(LinkSpec::parse("level(0.3) + level(0.3)", 2).unwrap().p(), None);
         assert_eq!(LinkSpec::level(0.1).unwrap().recorded_name(), "level");
+        let network = LinkSpec::network();
+        assert_eq!(
+            (network.recorded_name(), network.p(), network.longest_delay()),
+            ("network".to_owned(), None, 0)
+        );
+        assert!(LinkSpec::parse("network", 4).is_err(), "there is none but between hosts");
     }
 
     #[test]

@@ -57,8 +57,8 @@ impl Actor {
     }
 
     /// One step of `rows` episodes: `state`, which has [heard](ActorState::hear) what arrived, advances, and `out`
-    /// `[rows, actions]` becomes the logits of what is seen in `estimates` `[rows, joint]`. Where each row says whose it is, `ids` `[rows]` has that; others do
-    /// not look at it.
+    /// `[rows, actions]` becomes the logits of what is seen in `estimates` `[rows, joint]`. Where each row says whose it is,
+    /// `ids` `[rows]` has that; others do not look at it.
     ///
     /// # Errors
     /// `Failed` if the graph of an ONNX file fails, or says something that is not finite; a network of ours never does.

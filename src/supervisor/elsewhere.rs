@@ -58,6 +58,12 @@ pub struct HostReport {
     pub ahead_ns: i64,
     /// By how much that may be wrong, ns.
     pub error_ns: u64,
+    /// Observations that its agents were sent by others or sent themselves, as often as they went by the network.
+    pub observations: u64,
+    /// Those that the network lost.
+    pub lost: u64,
+    /// Those that it brought after their deadlines.
+    pub delayed: u64,
     /// How often that clock moved by more than errors and drift explain.
     pub clock_jumps: u64,
 }

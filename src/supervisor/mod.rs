@@ -131,8 +131,8 @@ pub struct Decisions {
     pub times: Vec<AgentTimes>,
 }
 
-/// When an agent did what it does in a tick, by its own word: nanoseconds of the monotonic clock, which is the same
-/// for all processes.
+/// When an agent did what it does in a tick, by its own word: nanoseconds of the monotonic clock of the supervisor's
+/// machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AgentTimes {
     /// It published its observation.

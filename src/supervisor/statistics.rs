@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::base::distribution::Distribution;
+use crate::base::rng::MAX_AGENTS;
 use crate::base::stats::Running;
 
 /// One finished episode.
@@ -45,10 +46,20 @@ pub struct Statistics {
     returns: Running,
     /// Sums over the episodes, in their order.
     total: EpisodeStatistics,
-    /// By sender, of all ticks.
-    late: Vec<u64>,
+    /// By sender, of all ticks. For any team, so that no tick allocates.
+    late: Late,
     tick_times: Distribution,
     elapsed: Duration,
+}
+
+/// Observations that were late, by sender.
+#[derive(Clone, Debug)]
+struct Late([u64; MAX_AGENTS]);
+
+impl Default for Late {
+    fn default() -> Late {
+        Late([0; MAX_AGENTS])
+    }
 }
 
 impl Statistics {
@@ -79,10 +90,7 @@ impl Statistics {
 
     /// Notes that an observation was late.
     pub(super) fn push_late(&mut self, sender: usize) {
-        if self.late.len() <= sender {
-            self.late.resize(sender + 1, 0);
-        }
-        self.late[sender] += 1;
+        self.late.0[sender] += 1;
     }
 
     pub(super) fn push_tick(&mut self, time: Duration) {
@@ -157,7 +165,7 @@ impl Statistics {
     /// Observations of an agent that were late, over i != j and t >= 1: of all ticks, also those of an episode that was not
     /// finished.
     pub fn late_from(&self, sender: usize) -> u64 {
-        self.late.get(sender).copied().unwrap_or(0)
+        self.late.0[sender]
     }
 
     /// Decisions that were not made in time, and all that were due.

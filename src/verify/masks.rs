@@ -58,6 +58,8 @@ impl Masks {
 fn links(header: &RecordingHeader, episode: &Episode, spec: &Spec) -> Option<Links> {
     let links = match (header.links.as_deref()?, &header.matrix) {
         ("level", _) => LinkSpec::level(episode.p?),
+        // It delivers everything, but for what is recorded as late.
+        ("network", _) => Ok(LinkSpec::network()),
         ("matrix", Some(rows)) => LinkSpec::fixed(rows, spec.n_agents()),
         (text, _) => LinkSpec::parse(text, spec),
     };

@@ -7,6 +7,7 @@ mod bad_network;
 mod campaign;
 mod clock;
 mod namespaces;
+mod network;
 mod relay;
 mod strangers;
 

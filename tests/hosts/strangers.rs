@@ -85,7 +85,7 @@ impl Stranger {
         self.overheard.try_iter().for_each(drop);
         loop {
             let heard = self.overheard.recv_timeout(Duration::from_secs(20)).expect("something travels");
-            // Frames begin with the version of the protocol, words with a brace.
+            // Frames begin with a number, which is seldom a brace, and words with one.
             if heard.0.contains(end) && heard.0.ends_with("hears") && !heard.1.starts_with(b"{") {
                 return heard;
             }

@@ -5,8 +5,11 @@ use crate::dynamics::Law;
 /// How many observed changes of a velocity a law has to explain.
 const ROWS: usize = 4;
 
-/// How many changes are remembered.
+/// How many changes are remembered, or four of each velocity that is seen, if that is more.
 const MEMORY: usize = 16;
+
+/// How many velocities are worth looking at.
+pub(super) const MOST_SEEN: usize = 8;
 
 /// How well a law has to explain each, m/s. Observations are exact to the rounding of f32; a motor that is unsteady is not.
 const EXACT: f64 = 1e-5;
@@ -14,6 +17,10 @@ const EXACT: f64 = 1e-5;
 /// How far another law is from the fitted one at least, in either parameter. The faint push of an agent that almost touches
 /// makes no other law.
 const OTHER: f64 = 1e-2;
+
+/// By how much velocities of two changes differ, m/s, so that both tell something, unless one is at rest: one body that pushes
+/// another steadily changes alike in every step.
+const UNLIKE: f64 = 1e-3;
 
 /// How much motion there must be to learn from: the squared velocity or push, m2/s2, and how much of both is not the same.
 const LEAST: f64 = 1e-2;
@@ -49,13 +56,20 @@ struct Row {
     after: f64,
 }
 
+impl Row {
+    /// Whether it tells no more than another one.
+    fn is_like(&self, other: &Row) -> bool {
+        (self.before - other.before).abs() < UNLIKE && self.before.abs() > UNLIKE
+    }
+}
+
 impl Learner {
     /// For velocities that are seen, along whose axes there may be these pushes, or which ones is known.
     pub(super) fn new(fitted: Law, pushes: Vec<Vec<f64>>, worlds: usize) -> Learner {
         let world = |_| World {
             law: fitted,
             pending: vec![None; pushes.len()],
-            rows: Vec::with_capacity(MEMORY + 1),
+            rows: Vec::with_capacity(MEMORY.max(ROWS * pushes.len()) + 1),
             steps: 0,
         };
         Learner { fitted, worlds: (0..worlds).map(world).collect(), pushes }
@@ -86,16 +100,17 @@ impl Learner {
         let Learner { fitted, pushes, worlds } = self;
         let World { law, pending, rows, steps } = &mut worlds[world];
         let (step, mut news) = (*steps, 0);
+        let memory = MEMORY.max(ROWS * pushes.len());
         *steps += 1;
         for (seen, (pending, after)) in pending.iter_mut().zip(velocities).enumerate() {
             if let Some((before, push)) = pending.take() {
                 rows.insert(0, Row { step, seen, before, push, after });
-                rows.truncate(MEMORY);
+                rows.truncate(memory);
                 news += 1;
             }
         }
         let evidence = Evidence { rows, pushes };
-        let news = 0..news.min(MEMORY);
+        let news = 0..news;
         if news.clone().all(|at| evidence.push(*law, &rows[at]).is_some()) {
             return;
         }
@@ -149,7 +164,7 @@ impl Evidence<'_> {
             let confirmed = |law: &Law, moves: fn(&Row, f64) -> f64| {
                 let tells = |other: &Row| {
                     let push = self.push(*law, other).filter(|push| moves(other, *push).powi(2) > LEAST);
-                    other.step != row.step && push.is_some()
+                    other.step != row.step && !row.is_like(other) && push.is_some()
                 };
                 moves(row, push).powi(2) > LEAST && self.rows.iter().any(tells)
             };
@@ -164,8 +179,11 @@ impl Evidence<'_> {
     /// The law that explains the last rows whose push is known, by least squares, if they determine it, and would without any
     /// one of them.
     fn with_both_changed(&self) -> Option<Law> {
-        let known = self.rows.iter().filter_map(|row| Some([row.before, row.push?, row.after])).take(ROWS);
-        let rows: Vec<[f64; 3]> = known.collect();
+        let mut known = self.rows.iter().filter_map(|row| Some([row.before, row.push?, row.after]));
+        let mut rows = [[0.0; 3]; ROWS];
+        for row in &mut rows {
+            *row = known.next()?;
+        }
         let sum = |a: usize, b: usize| rows.iter().map(|row| row[a] * row[b]).sum::<f64>();
         let (vv, vu, uu, va, ua) = (sum(0, 0), sum(0, 1), sum(1, 1), sum(0, 2), sum(1, 2));
         let without = |row: &[f64; 3]| [vv - row[0] * row[0], vu - row[0] * row[1], uu - row[1] * row[1]];
@@ -173,7 +191,7 @@ impl Evidence<'_> {
             |[vv, vu, uu]: [f64; 3]| vv > LEAST && uu > LEAST && vv * uu - vu * vu > LEAST * vv * uu;
         let determinant = vv * uu - vu * vu;
         let law = Law { keep: (va * uu - ua * vu) / determinant, gain: (ua * vv - va * vu) / determinant };
-        let determined = rows.len() == ROWS && rows.iter().map(without).all(is_determined);
+        let determined = rows.iter().map(without).all(is_determined);
         let explained = rows
             .iter()
             .all(|[before, push, after]| (law.keep * before + law.gain * push - after).abs() < EXACT);
@@ -246,6 +264,24 @@ mod tests {
                 .for_each(|(body, before)| learner.expect(0, body, Some((*before, None))));
             learner.observe(0, [0.0, velocity, -velocity].into_iter());
             assert_eq!(learner.law(0), FITTED);
+        }
+    }
+
+    #[test]
+    fn one_that_pushes_another_for_long_makes_no_other_law() {
+        // Two bodies along a line, the second behind the first, which a third sees.
+        let mut learner = Learner::new(FITTED, vec![PUSHES.to_vec(); 2], 1);
+        learner.begin_episodes();
+        let (mut places, mut velocities) = ([0.0f64, 0.15], [0.0; 2]);
+        for step in 0..500 {
+            let contact = 10.0 * (0.2 - (places[1] - places[0])).max(0.0);
+            (0..2).for_each(|body| learner.expect(0, body, Some((velocities[body], None))));
+            for (body, push) in [0.5 - contact, contact].into_iter().enumerate() {
+                velocities[body] = f64::from((0.75 * velocities[body] + push) as f32);
+                places[body] += 0.1 * velocities[body];
+            }
+            learner.observe(0, velocities.into_iter());
+            assert_eq!(learner.law(0), FITTED, "step {step}");
         }
     }
 

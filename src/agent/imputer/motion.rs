@@ -1,6 +1,6 @@
 //! Beliefs about where everybody is: moved on by dynamics, put right by what is observed.
 
-use super::law::Learner;
+use super::law::{Learner, MOST_SEEN};
 use super::past::Past;
 use super::slopes::Slopes;
 use super::{JointLayout, Setup, Step};
@@ -33,7 +33,7 @@ pub(super) struct Motion {
     past: Past,
     /// By which law, unless it stays the one of the dynamics, and what is to be put right if another is found.
     learning: Option<(Learner, Slopes)>,
-    /// The velocities that the agent observes itself: of whom, which dim, and along which axis.
+    /// Velocities that the agent observes itself, and learns the law from: of whom, which dim, and along which axis.
     seen: Vec<(usize, usize, Axis)>,
     /// The last step that was made in this episode, after which something is expected.
     last: Option<u32>,
@@ -63,7 +63,11 @@ impl Motion {
         let everybody = 0..setup.spec.n_agents();
         let seen =
             everybody.flat_map(|agent| bodies.velocities(agent).map(move |(dim, axis)| (agent, dim, axis)));
-        let seen = seen.filter(|(_, dim, _)| is_observed_by_itself(*dim)).collect();
+        let mut seen: Vec<_> = seen.filter(|(_, dim, _)| is_observed_by_itself(*dim)).collect();
+        // Its own before those of others.
+        seen.sort_by_key(|(agent, ..)| *agent != setup.agent);
+        seen.truncate(MOST_SEEN);
+        seen.sort_by_key(|(agent, ..)| *agent);
         Ok(Motion {
             dims: dims.filter(|(dim, _)| !is_observed_by_itself(*dim)).collect(),
             dynamics,

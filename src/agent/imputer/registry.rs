@@ -198,8 +198,8 @@ impl Registry {
     /// # Errors
     /// `Usage` if there is none, with the names there are; if it needs dynamics and the policy has none; if it runs the actors
     /// of teammates and these see more than estimates.
-    pub fn choose(&self, name: Option<&str>, policy: &Policy) -> Result<String> {
-        let Some(name) = name.or(policy.meta().imputer.as_deref()) else {
+    pub fn choose(&self, asked: Option<&str>, policy: &Policy) -> Result<String> {
+        let Some(name) = asked.or(policy.meta().imputer.as_deref()) else {
             if policy.dynamics().is_some() && self.entry(DEFAULT).is_some() {
                 return Ok(DEFAULT.to_owned());
             }
@@ -209,6 +209,12 @@ impl Registry {
         let entries = self.entries.iter().map(|entry| entry.name);
         match policy.predictor_names().chain(entries).filter(|other| *other == outer).count() {
             1 => {}
+            0 if asked.is_none() => {
+                return Err(usage!(
+                    "the policy was trained with imputer `{outer}`, which is not in this program; name another one, such as \
+                     `hold`"
+                ));
+            }
             0 => return Err(self.unknown(outer, policy)),
             _ => {
                 return Err(usage!(

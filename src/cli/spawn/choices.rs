@@ -20,6 +20,9 @@ use crate::usage;
 /// How long the process of an environment may take to start: some import for long.
 const LONGEST_START: Duration = Duration::from_secs(60);
 
+/// What names the network between hosts as the link.
+const NETWORK: &str = "network";
+
 /// What is played, in all its worlds.
 pub(super) struct Scene {
     pub(super) spec: Spec,
@@ -44,10 +47,42 @@ impl Spawn {
                 "--hosts needs --wait block: what comes from other machines wakes nobody who polls"
             ));
         }
+        #[cfg(feature = "hosts")]
+        self.check_network()?;
         if self.deadline.is_some() && self.in_process && self.environment.is_none() {
             return Err(usage!(
                 "--deadline is for processes, and with --in-process there are none, unless --env starts one; leave out \
                  one of the two"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Whether the network between hosts is the link.
+    pub(super) fn network_is_link(&self) -> bool {
+        cfg!(feature = "hosts") && self.links.as_deref().is_some_and(|links| links.trim() == NETWORK)
+    }
+
+    /// Refuses the network as the link where there is none, or where it is not the only one.
+    #[cfg(feature = "hosts")]
+    fn check_network(&self) -> Result<()> {
+        let links = self.links.as_deref().unwrap_or_default();
+        if !links.split('+').any(|link| link.trim() == NETWORK) {
+            return Ok(());
+        }
+        if !self.network_is_link() || self.p.is_some() || self.drop.is_some() || self.no_comm_at_t0 {
+            return Err(usage!(
+                "--links network emulates nothing: it does not go with other links, --p, --drop or --no-comm-at-t0"
+            ));
+        }
+        if self.hosts.is_none() {
+            return Err(usage!(
+                "--links network is the network between hosts: say with --hosts FILE where they are"
+            ));
+        }
+        if self.rate.is_none() {
+            return Err(usage!(
+                "--links network needs --rate HZ: in lockstep everybody waits for everything, so nothing would be lost"
             ));
         }
         Ok(())
@@ -175,6 +210,9 @@ impl Spawn {
     }
 
     fn links_at(&self, site: Site) -> Result<LinkSpec> {
+        if self.network_is_link() {
+            return Ok(LinkSpec::network());
+        }
         let level = self.p.or(self.drop.map(complement));
         let links = self.links.as_deref().map(|text| LinkSpec::parse(text, site)).transpose()?;
         match (level.map(LinkSpec::level).transpose()?, links) {

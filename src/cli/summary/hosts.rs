@@ -13,18 +13,17 @@ pub(super) fn host_lines(outcome: &Outcome) -> Vec<(&'static str, String)> {
 }
 
 fn words(host: &HostReport, outcome: &Outcome) -> String {
-    let HostReport { name, at, agents, ahead_ns, error_ns, clock_jumps } = host;
-    let agents: Vec<String> = members_of(*agents).map(|agent| agent.to_string()).collect();
+    let HostReport { name, at, ahead_ns, error_ns, observations, lost, delayed, clock_jumps, .. } = host;
+    let agents: Vec<String> = members_of(host.agents).map(|agent| agent.to_string()).collect();
     let clock = format!("clock {:+.3} ms, right to {:.3} ms", *ahead_ns as f64 / 1e6, *error_ns as f64 / 1e6);
     let jumps = if *clock_jumps > 0 { format!(", {}", counted(*clock_jumps, "jump")) } else { String::new() };
+    let network =
+        format!("network lost {lost} and delayed {delayed} of {}", counted(*observations, "observation"));
     let losses = missed_ticks(host, outcome).map(|missed| {
-        format!(
-            "; {} of theirs late, {} missed",
-            counted(late(host, outcome), "observation"),
-            counted(missed, "tick")
-        )
+        format!("; {} late at their peers, {} missed", late(host, outcome), counted(missed, "tick"))
     });
-    format!("{name} ({at}): agents {}; {clock}{jumps}{}", agents.join(", "), losses.unwrap_or_default())
+    let losses = losses.unwrap_or_default();
+    format!("{name} ({at}): agents {}{losses}; {network}; {clock}{jumps}", agents.join(", "))
 }
 
 /// For programs, see `docs/formats.md`.
@@ -37,6 +36,9 @@ pub(super) fn host_json(outcome: &Outcome) -> Vec<Value> {
             "offset_ns": host.ahead_ns,
             "error_ns": host.error_ns,
             "clock_jumps": host.clock_jumps,
+            "observations": host.observations,
+            "lost": host.lost,
+            "delayed": host.delayed,
             "late": outcome.punctuality.map(|_| late(host, outcome)),
             "missed_ticks": missed_ticks(host, outcome),
         })

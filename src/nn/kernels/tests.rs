@@ -84,7 +84,8 @@ fn a_row_is_the_same_bits_at_the_sizes_of_the_paper() {
 }
 
 fn same_bits_alone_and_among_others(k: usize, n: usize, seed: u64) {
-    let (weight, bias) = (numbers(seed ^ 1, k * n, 1.0), numbers(seed ^ 2, n, 1.0));
+    let (weight, mut bias) = (numbers(seed ^ 1, k * n, 1.0), numbers(seed ^ 2, n, 1.0));
+    bias.iter_mut().step_by(3).for_each(|bias| *bias = -0.0);
     let mut x = numbers(seed, 64 * k, 1.0);
     // Zeros, which a single row skips: every other row as a ReLU leaves it, and one of nothing else.
     x.chunks_mut(k).step_by(2).flatten().for_each(|x| *x = x.max(0.0));
