@@ -1,5 +1,6 @@
 //! The supervisor's side: hosts, and the agents that run there.
 
+use std::collections::VecDeque;
 use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -25,11 +26,20 @@ use crate::base::hash::fnv1a;
 use crate::base::regular;
 use crate::bus::{Bell, Header, Kind, Layout, Sample, StandIns, now_ns};
 use crate::failed;
-use crate::supervisor::{Elsewhere, HostReport, members_of, say as say_aloud};
+use crate::supervisor::{Elsewhere, HostReport, members_of, say as say_aloud, signals};
 
 /// A host is asked for the time so many times before it plays, and then this often.
 const FIRST_QUESTIONS: usize = 8;
 const BETWEEN_QUESTIONS: Duration = Duration::from_millis(200);
+
+/// How many of the questions are remembered that it has not answered yet.
+const MOST_QUESTIONS: usize = 64;
+
+/// How much longer a host may take to leave than its agents.
+const LONGEST_FAREWELL: Duration = Duration::from_secs(10);
+
+/// How often a wait looks whether the program was asked to stop.
+const SLICE: Duration = Duration::from_millis(50);
 
 /// The hosts of a swarm. On the bus it stands in for the agents that run there.
 pub(crate) struct Hosts {
@@ -73,6 +83,8 @@ pub(super) struct Host {
     clock: Estimate,
     /// When it is asked for the time next.
     asks: Instant,
+    /// When it was asked, as far as it has not answered.
+    asked: VecDeque<u64>,
 }
 
 impl Hosts {
@@ -126,11 +138,12 @@ impl Host {
             agents,
             running: 0,
             line: None,
-            outbox: Outbox::new(network_is_link),
+            outbox: Outbox::new(false, network_is_link),
             tallies: [Tally::default(); 2],
             offset: Offset::default(),
             clock: Estimate::default(),
             asks: Instant::now(),
+            asked: VecDeque::new(),
         }
     }
 
@@ -180,6 +193,7 @@ impl Host {
     fn join(&mut self, example: &ProcessSettings, policy: &[u8], bell: &Arc<Bell>) -> Result<()> {
         let (bell, secret) = (bell.clone(), secret()?);
         let line = self.engine.line(&secret, End::Supervisor, move || bell.ring())?;
+        self.outbox.real_time = example.address.real_time;
         let (example, hash) = (example.clone(), fnv1a(policy.iter().copied()));
         let invitation = Invitation {
             example,
@@ -203,9 +217,10 @@ impl Host {
         self.ask_time();
         let longest = self.engine.patience.reply();
         let deadline = Instant::now() + longest;
-        loop {
+        while Instant::now() < deadline {
+            signals::check_stop()?;
             let line = self.line.as_ref().expect("it has joined");
-            let how = match line.hear_within(deadline.saturating_duration_since(Instant::now())) {
+            let how = match line.hear_within(SLICE) {
                 Some(Heard::Words(words, at_ns)) => {
                     match understand(&words).map_err(|e| lost(&self.name, e))? {
                         Event::Told { asked_ns, heard_ns, said_ns, .. } => {
@@ -216,21 +231,27 @@ impl Host {
                         _ => continue,
                     }
                 }
-                Some(Heard::Here | Heard::Frame(_)) => continue,
+                Some(Heard::Here | Heard::Frame(_)) | None => continue,
                 Some(Heard::Gone) => "cannot be reached any longer".to_owned(),
-                None => format!("does not tell the time within {longest:?}"),
             };
             return Err(lost(&self.name, failed!("{how}")));
         }
+        Err(lost(&self.name, failed!("does not tell the time within {longest:?}")))
     }
 
     fn ask_time(&mut self) {
         self.asks = Instant::now() + BETWEEN_QUESTIONS;
-        self.order(Order::Tell { asked_ns: now_ns() });
+        let Some(line) = &self.line else { return };
+        let asked_ns = now_ns();
+        line.say_unless_full(say(&Order::Tell { asked_ns }));
+        self.asked.truncate(MOST_QUESTIONS - 1);
+        self.asked.push_front(asked_ns);
     }
 
-    /// Takes note of what its clock says. That it jumped is said once: the summary counts how often.
+    /// Takes note of what its clock says, if it was asked. That it jumped is said once: the summary counts how often.
     fn note_time(&mut self, exchange: Exchange) {
+        let Some(at) = self.asked.iter().position(|asked_ns| *asked_ns == exchange.asked_ns) else { return };
+        self.asked.remove(at);
         if let Some(Jump { by_ns, allowed_ns, number: 1 }) = self.offset.note(&exchange) {
             say_aloud(format!(
                 "warning: the clock of {} moved by {:.3} ms against ours, of which errors and drift explain {:.3} ms; was \
@@ -465,7 +486,7 @@ impl Elsewhere for Hosts {
         for host in &mut self.hosts {
             host.running = 0;
             let Some(line) = host.line.take() else { continue };
-            let deadline = began + longest + host.engine.patience.reply();
+            let deadline = began + longest + host.engine.patience.reply().min(LONGEST_FAREWELL);
             loop {
                 let heard = line.hear_within(deadline.saturating_duration_since(Instant::now()));
                 match heard {

@@ -97,6 +97,8 @@ pub(super) enum Heard {
 /// One end of the line between a supervisor and a host.
 pub(super) struct Line {
     speaks: Publisher<'static>,
+    /// The same, but what finds no room is dropped at once.
+    hurries: Publisher<'static>,
     /// The same over what may lose it.
     throws: Publisher<'static>,
     heard: Receiver<Heard>,
@@ -244,6 +246,7 @@ impl Engine {
             _watches: watches.wait().map_err(wrong)?,
             _lives: self.session.liveliness().declare_token(key(end, "lives")).wait().map_err(wrong)?,
             speaks: publisher(CongestionControl::Block).wait().map_err(wrong)?,
+            hurries: publisher(CongestionControl::Drop).wait().map_err(wrong)?,
             throws: throws.wait().map_err(wrong)?,
             heard,
         })
@@ -273,6 +276,11 @@ impl Line {
         let _ = self.speaks.put(frame).wait();
     }
 
+    /// Sends messages, unless the other side takes nothing.
+    pub(super) fn send_unless_full(&self, frame: Vec<u8>) {
+        let _ = self.hurries.put(frame).wait();
+    }
+
     /// Sends messages that may be lost, if that is how the network is: by datagrams, where there are any.
     pub(super) fn send_or_lose(&self, frame: Vec<u8>) {
         let _ = self.throws.put(frame).wait();
@@ -281,6 +289,11 @@ impl Line {
     /// Sends orders or events.
     pub(super) fn say(&self, words: Vec<u8>) {
         let _ = self.speaks.put(words).encoding(Encoding::APPLICATION_JSON).wait();
+    }
+
+    /// Sends an order or event that is worth nothing later, unless the other side takes nothing.
+    pub(super) fn say_unless_full(&self, words: Vec<u8>) {
+        let _ = self.hurries.put(words).encoding(Encoding::APPLICATION_JSON).wait();
     }
 
     /// What has come, if there is something.

@@ -10,13 +10,15 @@ use crate::bus::{Header, Kind};
 pub(super) struct Outbox {
     all: Frame,
     observations: Frame,
+    /// Whether it is sent against the clock: who takes nothing for a while must not hold up anybody.
+    pub(super) real_time: bool,
     /// Whether the network is the link.
     pub(super) network_is_link: bool,
 }
 
 impl Outbox {
-    pub(super) fn new(network_is_link: bool) -> Outbox {
-        Outbox { all: Frame::default(), observations: Frame::default(), network_is_link }
+    pub(super) fn new(real_time: bool, network_is_link: bool) -> Outbox {
+        Outbox { all: Frame::default(), observations: Frame::default(), real_time, network_is_link }
     }
 
     /// Adds a message.
@@ -31,7 +33,13 @@ impl Outbox {
         let (all, observations) = (self.all.take(), self.observations.take());
         let Some(line) = line else { return 0 };
         let frames = all.iter().chain(&observations).count() as u64;
-        all.into_iter().for_each(|frame| line.send(frame));
+        if let Some(frame) = all {
+            if self.real_time {
+                line.send_unless_full(frame);
+            } else {
+                line.send(frame);
+            }
+        }
         observations.into_iter().for_each(|frame| line.send_or_lose(frame));
         frames
     }

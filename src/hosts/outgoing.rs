@@ -33,7 +33,7 @@ impl Outgoing {
     pub(super) fn new(real_time: bool, network_is_link: bool) -> Outgoing {
         Outgoing {
             patience: if real_time { SHORT_PATIENCE } else { PATIENCE },
-            outbox: Outbox::new(network_is_link),
+            outbox: Outbox::new(real_time, network_is_link),
             since: None,
             is_urgent: false,
             has_decisions: false,

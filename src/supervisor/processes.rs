@@ -315,18 +315,28 @@ impl Processes {
 
     /// Waits for a moment of the clock, and for nobody. What agents tell those on other machines is carried meanwhile.
     fn wait_for_moment(&mut self, moment_ns: u64) -> Result<()> {
+        let are_elsewhere = self.elsewhere.agents() != 0;
+        if are_elsewhere {
+            // Also where no time is left for that: else nothing of theirs would ever be taken.
+            self.carry()?;
+        }
         while now_ns() < moment_ns {
-            if self.elsewhere.agents() == 0 {
-                wait_for_moment(self.conduct.wait, moment_ns);
-            } else {
+            if are_elsewhere {
                 self.port.sleep_until(moment_ns)?;
-                self.elsewhere.bring()?;
-                self.elsewhere.send()?;
+                self.carry()?;
+            } else {
+                wait_for_moment(self.conduct.wait, moment_ns);
             }
             signals::check_stop()?;
             self.take_back()?;
         }
         Ok(())
+    }
+
+    /// Carries what has been said on other machines, and what has been said here.
+    fn carry(&mut self) -> Result<()> {
+        self.elsewhere.bring()?;
+        self.elsewhere.send()
     }
 
     /// Sends all that are there their sensor messages, for the first time at this tick or `again`.

@@ -51,9 +51,7 @@ fn hosts_play_by_one_clock_whatever_theirs_say() {
         assert!(about["missed_ticks"].as_u64().unwrap() < 50, "{summary}");
         host.assert_empty();
     }
-    let clock = &summary["real_time"];
     assert!(summary["delivery_rate"].as_f64().unwrap() > 0.0, "{summary}");
-    assert!(clock["acts_after_deadline"]["max_us"].as_f64().unwrap() <= 25_000.0, "{clock}");
     // In lockstep clocks are compared, too.
     let summary = play("--p 0.5");
     let about = of(&summary, &ahead);

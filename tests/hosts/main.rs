@@ -266,6 +266,29 @@ fn only_who_has_the_key_gets_in() {
 }
 
 #[test]
+fn hops_and_ticks_over_hosts_are_measured() {
+    let _alone = alone();
+    let (left, right, folder) =
+        (Host::start("left", &[]), Host::start("right", &[]), tempfile::tempdir().unwrap());
+    let plan = plan(folder.path(), &[&left, &right], "");
+    let words = format!("bench latency --agents 2 --seconds 0.1 --json --hosts {}", plan.display());
+    let measured: serde_json::Value = serde_json::from_str(&succeed(&words)).unwrap();
+    let hops = measured["hops"].as_array().unwrap();
+    let ways = hops.iter().map(|hop| {
+        assert!(hop["hop"]["count"].as_u64() > Some(0) && hop["payload"] == 120, "{hop}");
+        (hop["host"].as_str().unwrap(), hop["medium"].as_str().unwrap())
+    });
+    let all = ["left", "right"].map(|host| ["line", "zenoh", "udp"].map(|way| (host, way)));
+    assert_eq!(ways.collect::<Vec<_>>(), all.concat());
+    let tick = &measured["ticks"][0];
+    assert!(tick["hosts"] == 2 && tick["policy_ms"].as_f64() > Some(0.0), "{tick}");
+    // Two each there and back; one that was slow may have had a frame of its own.
+    assert!((8.0..10.0).contains(&tick["frames"].as_f64().unwrap()), "{tick}");
+    left.assert_empty();
+    right.assert_empty();
+}
+
+#[test]
 fn what_cannot_be_is_said_by_name() {
     let _alone = alone();
     let (host, folder) = (Host::start("left", &[]), tempfile::tempdir().unwrap());
