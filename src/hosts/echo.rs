@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use super::abroad::Host;
 use super::engine::{End, Engine, Heard, Line};
+use super::host::Host;
 use super::orders::{Answer, Order, Question, is_secret, say, secret};
 use super::plain::Plain;
 use super::plan::Plan;

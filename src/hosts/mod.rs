@@ -24,6 +24,7 @@ mod abroad;
 mod echo;
 mod engine;
 mod frame;
+mod host;
 mod key;
 mod listen;
 mod offset;
