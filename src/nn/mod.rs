@@ -43,9 +43,10 @@ pub(crate) use import::key;
 pub use inference::{Inference, NetworkState, Scratch};
 pub use meta::Meta;
 pub use network::{Layer, Network, TensorSpec};
+pub(crate) use networks::MAX_HIDDEN;
 pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, critic};
 #[cfg(test)]
-pub(crate) use networks::{MAX_HIDDEN, NAMED_OTHERWISE};
+pub(crate) use networks::NAMED_OTHERWISE;
 pub use onnx::{Choice, Normalisation, OnnxSpec, Said, Seen};
 pub(crate) use onnx::{Description, Files};
 pub use policy::Policy;
