@@ -3,10 +3,12 @@
 use super::Dims;
 use crate::environment::{About, AgentSpec, Value};
 
-/// Turns joint observations so that an agent finds itself where the first of its kind is.
+/// Turns joint observations so that an agent finds itself where the first of its kind is, and divides what is not its own by
+/// the number of agents.
 ///
-/// One actor for all agents has to learn what to do with its own part once, not once for each place where it may stand. So it
-/// has to be with the landmarks, if each agent is to go to another one.
+/// One actor for all agents then learns what to do with the own part once, not once for each place where it may stand, and
+/// before anything else. That is how a team shares out its landmarks. While all of them weigh the same, every agent goes to
+/// the middle of them, and none gains by being the first to leave it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Egocentric {
     agents: usize,
@@ -26,18 +28,20 @@ impl Egocentric {
     }
 
     /// Appends a joint observation as `agent` sees it: the parts of the agents from the first of its period on, then of those
-    /// before. The common part is turned likewise, if it has as many equal parts as there are agents.
+    /// before; all but those of its period are divided. So is the common part, if it has as many equal parts as there are
+    /// agents.
     pub fn show(&self, agent: usize, joint: &[f32], seen: &mut Vec<f32>) {
         let first = agent - agent % self.period;
         let (parts, common) = joint.split_at(self.predicted);
         for values in [parts, common] {
-            let by = if values.len().is_multiple_of(self.agents) {
-                first * (values.len() / self.agents)
-            } else {
-                0
-            };
-            seen.extend_from_slice(&values[by..]);
-            seen.extend_from_slice(&values[..by]);
+            if !values.len().is_multiple_of(self.agents) {
+                seen.extend_from_slice(values);
+                continue;
+            }
+            let (before, rest) = values.split_at(first * (values.len() / self.agents));
+            let (own, after) = rest.split_at(self.period * (values.len() / self.agents));
+            seen.extend_from_slice(own);
+            seen.extend(after.iter().chain(before).map(|value| value / self.agents as f32));
         }
     }
 }
@@ -84,13 +88,13 @@ mod tests {
             Egocentric { agents: 3, predicted: 6, period }.show(agent, joint, &mut seen);
             seen
         };
-        let joint = [0.0, 1.0, 10.0, 11.0, 20.0, 21.0, 5.0, 6.0, 7.0];
-        assert_eq!(seen(1, 0, &joint), joint);
-        assert_eq!(seen(1, 1, &joint), [10.0, 11.0, 20.0, 21.0, 0.0, 1.0, 6.0, 7.0, 5.0]);
-        assert_eq!(seen(1, 2, &joint), [20.0, 21.0, 0.0, 1.0, 10.0, 11.0, 7.0, 5.0, 6.0]);
+        let joint = [0.0, 3.0, 30.0, 33.0, 60.0, 63.0, 15.0, 18.0, 21.0];
+        assert_eq!(seen(1, 0, &joint), [0.0, 3.0, 10.0, 11.0, 20.0, 21.0, 15.0, 6.0, 7.0]);
+        assert_eq!(seen(1, 1, &joint), [30.0, 33.0, 20.0, 21.0, 0.0, 1.0, 18.0, 7.0, 5.0]);
+        assert_eq!(seen(1, 2, &joint), [60.0, 63.0, 0.0, 1.0, 10.0, 11.0, 21.0, 5.0, 6.0]);
         assert_eq!(seen(3, 2, &joint), joint, "nobody is alike");
         // What does not divide stays as it is.
-        assert_eq!(seen(1, 1, &joint[..8]), [10.0, 11.0, 20.0, 21.0, 0.0, 1.0, 5.0, 6.0]);
-        assert_eq!(seen(1, 1, &joint[..6]), [10.0, 11.0, 20.0, 21.0, 0.0, 1.0]);
+        assert_eq!(seen(1, 1, &joint[..8]), [30.0, 33.0, 20.0, 21.0, 0.0, 1.0, 15.0, 18.0]);
+        assert_eq!(seen(1, 1, &joint[..6]), [30.0, 33.0, 20.0, 21.0, 0.0, 1.0]);
     }
 }

@@ -44,9 +44,9 @@ pub use inference::{Inference, NetworkState, Scratch};
 pub use meta::Meta;
 pub use network::{Layer, Network, TensorSpec};
 pub(crate) use networks::MAX_HIDDEN;
-pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, critic};
 #[cfg(test)]
 pub(crate) use networks::NAMED_OTHERWISE;
+pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, critic};
 pub use onnx::{Choice, Normalisation, OnnxSpec, Said, Seen};
 pub(crate) use onnx::{Description, Files};
 pub use policy::Policy;

@@ -94,7 +94,7 @@ impl Config {
                 target_interval: 1,
                 batch_episodes: 64,
                 update_every: 64,
-                predictor_hidden: 64,
+                predictor_hidden: 32,
                 ..paper
             },
         }
