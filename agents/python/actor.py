@@ -20,7 +20,7 @@ class PolicyActor:
             values = file.read()
         kind = about.pop("__metadata__")
         if "actor_inputs" in kind:
-            sys.exit(f"error: the actors of {path} see more than joint estimates; only the swarm's own agents run these")
+            sys.exit(f"error: the actors of {path} do not just see joint estimates; only the swarm's own agents run these")
         shared = kind["sharing"] == "shared"
         prefix = "actors.shared." if shared else f"actors.{agent}."
         self.tensors = {

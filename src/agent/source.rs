@@ -11,7 +11,7 @@ use crate::nn::{ActorKind, Aligned, Dims, Networks, Policy};
 use crate::{failed, usage};
 
 /// The policies inside the program: (spec, policy file).
-pub static BUILTIN: [(&str, &Aligned<[u8]>); 5] = [
+pub static BUILTIN: [(&str, &Aligned<[u8]>); 8] = [
     ("hear-see", &Aligned(*include_bytes!("../../agents/pretrained/hear-see/seed-0.safetensors"))),
     (
         "speaker-listener",
@@ -22,6 +22,15 @@ pub static BUILTIN: [(&str, &Aligned<[u8]>); 5] = [
     (
         "spread-blindfold",
         &Aligned(*include_bytes!("../../agents/pretrained/spread-blindfold/seed-0.safetensors")),
+    ),
+    (
+        "spread-blindfold-6",
+        &Aligned(*include_bytes!("../../agents/pretrained/spread-blindfold-6/seed-0.safetensors")),
+    ),
+    ("spread-xy-8", &Aligned(*include_bytes!("../../agents/pretrained/spread-xy-8/seed-0.safetensors"))),
+    (
+        "spread-blindfold-12",
+        &Aligned(*include_bytes!("../../agents/pretrained/spread-blindfold-12/seed-0.safetensors")),
     ),
 ];
 

@@ -43,7 +43,7 @@ pub struct Config {
     pub share_critics: bool,
     /// What critics see.
     pub critic_input: CriticInput,
-    /// Hidden size of the critics; written down if it is not that of the actors.
+    /// Hidden size of the critics, 0 for that of the actors; written down if not 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub critic_hidden: usize,
     /// Learning rate of actors and critics.

@@ -94,6 +94,7 @@ impl Config {
                 target_interval: 1,
                 batch_episodes: 64,
                 update_every: 64,
+                predictors: vec!["value-aware".to_owned()],
                 predictor_hidden: 32,
                 ..paper
             },
