@@ -152,7 +152,9 @@ fn by_the_clock(setting: &Setting, delay_ms: u64, loss: f64, rate: u32, links: &
     // An episode has 25 ticks.
     let episodes = (rate * LONG).div_ceil(25);
     let summary = setting.play(&format!("--rate {rate} --episodes {episodes} {links}"));
-    let percent = |value: &Value| format!("{:.1} %", 100.0 * value.as_f64().unwrap());
+    // If no decision was made in time, there is nobody to whom anything could be delivered.
+    let percent =
+        |value: &Value| value.as_f64().map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
     let hosts = summary["hosts"].as_array().unwrap();
     let sum = |name: &str| hosts.iter().map(|host| host[name].as_u64().unwrap()).sum::<u64>();
     let error_ns = hosts.iter().map(|host| host["error_ns"].as_u64().unwrap()).max().unwrap();
