@@ -89,9 +89,11 @@ fn running_networks_allocates_nothing_after_the_first_pass() {
         agents: Vec::new(),
     };
     let all = vec![Input::Estimate, Input::Delivered, Input::Age];
-    for (actor, sharing, actor_inputs) in
-        [(ActorKind::Mlp, Sharing::Separate, vec![Input::Estimate]), (ActorKind::Gru, Sharing::Shared, all)]
-    {
+    for (actor, sharing, actor_inputs) in [
+        (ActorKind::Mlp, Sharing::Separate, vec![Input::Estimate]),
+        (ActorKind::Mlp, Sharing::Shared, vec![Input::Egocentric]),
+        (ActorKind::Gru, Sharing::Shared, all),
+    ] {
         let networks = Networks { sharing, actor_inputs, ..Networks::paper(actor) };
         let policy = Policy::untrained(&dims, 1, networks).unwrap();
         let (actor, predictor) = (policy.actor(3), policy.predictor("value-aware").unwrap());

@@ -74,7 +74,7 @@ impl Truth {
     /// # Errors
     /// `Usage` if not: what their actors see of what arrived would call it lost or old.
     pub fn check_actors(policy: &Policy) -> Result<()> {
-        if !policy.networks().actors_have_senses() {
+        if !policy.networks().actors_hear() {
             return Ok(());
         }
         Err(usage!(

@@ -125,7 +125,7 @@ fn policy(path: &Path) -> Result<Content> {
     if let Some(onnx) = &file.onnx {
         json["onnx"] = json!(onnx);
     }
-    if networks.actor_inputs.len() > 1 {
+    if networks.actors_have_senses() {
         json["actor_inputs"] = json!(networks.actor_inputs);
     }
     if let Some(imputer) = &meta.imputer {
@@ -170,6 +170,7 @@ fn predictor_words(predictor: &PredictorSpec) -> String {
 fn senses_words(inputs: &[Input]) -> String {
     let words = inputs.iter().map(|input| match input {
         Input::Estimate => "",
+        Input::Egocentric => ", egocentric",
         Input::Delivered => ", sees what arrives",
         Input::Age => ", sees ages",
         Input::Innovation => ", sees innovations",

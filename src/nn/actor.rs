@@ -11,7 +11,7 @@ pub struct Actor(Kind);
 
 #[derive(Clone, Debug)]
 enum Kind {
-    /// With its senses before anything is heard, if it sees more than estimates.
+    /// With its senses before anything is heard, unless it just sees estimates.
     Network(Inference, Option<Senses>),
     Onnx(OnnxActor),
 }
@@ -43,8 +43,10 @@ impl Actor {
     /// The same actor where each row says whose it is, if it is a network that agents share. See [`Inference::by_row`].
     pub(crate) fn by_row(&self) -> Actor {
         match &self.0 {
-            Kind::Network(network, senses) => Actor::of_network(network.by_row(), senses.clone()),
-            Kind::Onnx(_) => self.clone(),
+            Kind::Network(network, senses) if network.is_shared() => {
+                Actor::of_network(network.by_row(), senses.as_ref().map(Senses::by_row))
+            }
+            Kind::Network(..) | Kind::Onnx(_) => self.clone(),
         }
     }
 
@@ -76,7 +78,7 @@ impl Actor {
     ) -> Result<()> {
         match (&self.0, &mut state.0) {
             (Kind::Network(network, _), State::Network(state, senses)) => {
-                let seen = senses.as_mut().map_or(estimates, |senses| senses.see(rows, estimates));
+                let seen = senses.as_mut().map_or(estimates, |senses| senses.see(rows, estimates, ids));
                 network.step(rows, seen, ids, state, scratch, out);
                 Ok(())
             }

@@ -64,6 +64,11 @@ impl Inference {
         self.inputs
     }
 
+    /// Whether agents share it.
+    pub fn is_shared(&self) -> bool {
+        self.id.is_some()
+    }
+
     /// The same network where each row says whose it is: `acts` of [`step`](Inference::step) has the agent's id, if it sees
     /// that.
     pub(crate) fn by_row(&self) -> Inference {

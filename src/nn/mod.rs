@@ -11,6 +11,7 @@
 //! no allocation, no threads, and every row independent of the rows computed with it.
 
 mod actor;
+mod egocentric;
 mod file;
 #[cfg(feature = "candle")]
 mod import;
@@ -42,6 +43,7 @@ pub(crate) use import::key;
 pub use inference::{Inference, NetworkState, Scratch};
 pub use meta::Meta;
 pub use network::{Layer, Network, TensorSpec};
+pub(crate) use networks::MAX_HIDDEN;
 #[cfg(test)]
 pub(crate) use networks::NAMED_OTHERWISE;
 pub use networks::{ActorKind, Input, Networks, PredictorSpec, Sharing, Sigma, critic};

@@ -104,6 +104,10 @@ pub struct PredictorSpec {
 pub enum Input {
     /// The agent's estimate of the joint observation.
     Estimate,
+    /// The same as an actor sees it from its own agent on: first the part of this agent, then, divided by the number of agents,
+    /// of those after it and of those before it; the common part likewise, if it has as many equal parts as there are agents.
+    /// Where agents are alike only by twos or more, it begins with the agent's group; where none are alike, it is the estimate.
+    Egocentric,
     /// Of each agent, whether something it observed arrived in the step: 1 or 0. Of itself an agent always hears.
     Delivered,
     /// Of each agent, how many steps ago it observed what arrived last, in units of 25; before anything arrived, how many
@@ -179,7 +183,7 @@ mod one_or_list {
 }
 
 /// No hidden layer of a policy is larger than this.
-const MAX_HIDDEN: usize = 1 << 14;
+pub(crate) const MAX_HIDDEN: usize = 1 << 14;
 
 impl Networks {
     /// The networks of the paper: hidden size 256, one actor per agent, and one predictor of hidden size 128
@@ -190,9 +194,14 @@ impl Networks {
         Networks { actor, sharing, hidden: 256, actor_inputs, predictors }
     }
 
-    /// Whether the actors see more than estimates.
+    /// Whether the actors do not just see estimates as they are.
     pub(crate) fn actors_have_senses(&self) -> bool {
         self.actor_inputs != [Input::Estimate]
+    }
+
+    /// Whether the actors see what arrived, or how old it is.
+    pub(crate) fn actors_hear(&self) -> bool {
+        self.actor_inputs.iter().any(|input| matches!(input, Input::Delivered | Input::Age))
     }
 
     /// Every tensor of a policy for `dims`: actors by agent, then predictors, each from input to output.
@@ -334,7 +343,7 @@ impl Input {
     /// How many values it has. The own action is a one-hot behind all values, and has none.
     fn width(self, dims: &Dims) -> usize {
         match self {
-            Input::Estimate => dims.joint,
+            Input::Estimate | Input::Egocentric => dims.joint,
             Input::Delivered | Input::Age => dims.n_agents,
             Input::Innovation => dims.predicted,
             Input::OwnAction => 0,
@@ -344,11 +353,11 @@ impl Input {
 
 /// Says what is wrong with what actors see.
 fn check_actor_inputs(inputs: &[Input]) -> Result<(), String> {
-    use Input::{Age, Delivered, Estimate};
+    use Input::{Age, Delivered, Egocentric, Estimate};
     match inputs {
-        [Estimate] | [Estimate, Delivered] | [Estimate, Age] | [Estimate, Delivered, Age] => Ok(()),
-        _ => Err("the actors see `estimate` first, and may see `delivered` and `age` behind it, in this order; set \
-                  `actor_inputs`"
+        [Estimate | Egocentric, rest @ ..] if matches!(rest, [] | [Delivered] | [Age] | [Delivered, Age]) => Ok(()),
+        _ => Err("the actors see `estimate` or `egocentric` first, and may see `delivered` and `age` behind it, in this order; \
+                  set `actor_inputs`"
             .to_string()),
     }
 }
@@ -356,7 +365,11 @@ fn check_actor_inputs(inputs: &[Input]) -> Result<(), String> {
 /// Says what is wrong with what a predictor sees.
 fn check_inputs(inputs: &[Input]) -> Result<(), String> {
     match inputs {
-        [Input::Estimate, ..] if inputs.is_sorted_by(|before, after| before < after) => Ok(()),
+        [Input::Estimate, rest @ ..]
+            if inputs.is_sorted_by(|before, after| before < after) && !rest.contains(&Input::Egocentric) =>
+        {
+            Ok(())
+        }
         _ => Err("sees `estimate` first, and may see `delivered`, `age`, `innovation` and `own-action` behind it, in \
                   this order, each once"
             .to_string()),

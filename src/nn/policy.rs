@@ -456,7 +456,7 @@ impl Policy {
             Some(graphs) => graphs.actor(agent, dims, source).map(Actor::from),
             None => {
                 let id = (networks.sharing == Sharing::Shared).then_some(agent);
-                let senses = Senses::of(&networks.actor_inputs, dims.n_agents);
+                let senses = Senses::of(&networks.actor_inputs, agent, dims);
                 Ok(Actor::of_network(inference(networks.actor(agent, dims), id), senses))
             }
         };

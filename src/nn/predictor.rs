@@ -120,7 +120,7 @@ impl Predictor {
                         seen.extend(estimate.iter().zip(expected).map(|(value, expected)| value - *expected));
                     }
                     Input::Innovation => seen.extend(expected.iter().map(|_| 0.0)),
-                    Input::OwnAction => {}
+                    Input::OwnAction | Input::Egocentric => {}
                 }
             }
         }

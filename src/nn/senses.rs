@@ -1,5 +1,7 @@
-//! What networks see beside estimates: of whom something arrived, and how old that is.
+//! What networks see of estimates, and beside them: of whom something arrived, and how old that is.
 
+use super::Dims;
+use super::egocentric::Egocentric;
 use super::networks::Input;
 
 /// What was heard of each agent, in each of several episodes.
@@ -46,7 +48,7 @@ impl Hearing {
         match input {
             Input::Delivered => seen.extend(heard.map(|heard| f32::from(u8::from(heard.now)))),
             Input::Age => seen.extend(heard.map(|heard| heard.age as f32 / AGE_UNIT)),
-            Input::Estimate | Input::Innovation | Input::OwnAction => {}
+            Input::Estimate | Input::Egocentric | Input::Innovation | Input::OwnAction => {}
         }
     }
 
@@ -62,26 +64,39 @@ impl Hearing {
     }
 }
 
-/// What an actor sees that sees more than estimates, and has heard in each of several episodes.
+/// What an actor sees that does not just see estimates as they are, and has heard in each of several episodes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Senses {
-    /// What it sees behind the estimate, in this order.
+    /// What it sees, in this order.
     inputs: Vec<Input>,
+    /// Whose it is, unless each row says that.
+    agent: Option<usize>,
+    egocentric: Egocentric,
     hearing: Hearing,
     /// What all rows saw last, `[rows, inputs]`.
     seen: Vec<f32>,
 }
 
 impl Senses {
-    /// Those of an actor with these `inputs` in a team of so many agents; `None` if it sees estimates alone.
-    pub fn of(inputs: &[Input], agents: usize) -> Option<Senses> {
-        let inputs: Vec<Input> = inputs.iter().copied().filter(|input| *input != Input::Estimate).collect();
-        (!inputs.is_empty()).then(|| Senses { inputs, hearing: Hearing::of(agents), seen: Vec::new() })
+    /// Those of the actor of an agent with these `inputs`; `None` if it sees estimates as they are, and nothing else.
+    pub fn of(inputs: &[Input], agent: usize, dims: &Dims) -> Option<Senses> {
+        (inputs != [Input::Estimate]).then(|| Senses {
+            inputs: inputs.to_vec(),
+            agent: Some(agent),
+            egocentric: Egocentric::of(dims),
+            hearing: Hearing::of(dims.n_agents),
+            seen: Vec::new(),
+        })
     }
 
-    /// How many values they have in a row.
+    /// The same where each row says whose it is.
+    pub fn by_row(&self) -> Senses {
+        Senses { agent: None, ..self.clone() }
+    }
+
+    /// How many values they have in a row, beside the estimate.
     pub fn width(&self) -> usize {
-        self.inputs.len() * self.hearing.agents
+        (self.inputs.len() - 1) * self.hearing.agents
     }
 
     /// Forgets everything: `rows` episodes start. Allocates only for more rows than ever before.
@@ -95,18 +110,27 @@ impl Senses {
         self.hearing.hear(row, agent, age);
     }
 
-    /// Appends what is seen in a row: the estimate, and behind it what was heard.
-    pub fn show(&self, row: usize, estimate: &[f32], seen: &mut Vec<f32>) {
-        seen.extend_from_slice(estimate);
-        self.inputs.iter().for_each(|input| self.hearing.show(row, *input, seen));
+    /// Appends what `agent` sees in a row: the estimate, and behind it what was heard.
+    pub fn show(&self, row: usize, agent: usize, estimate: &[f32], seen: &mut Vec<f32>) {
+        for input in &self.inputs {
+            match input {
+                Input::Estimate => seen.extend_from_slice(estimate),
+                Input::Egocentric => self.egocentric.show(agent, estimate, seen),
+                _ => self.hearing.show(row, *input, seen),
+            }
+        }
     }
 
-    /// What is seen in all of so many rows with these estimates, `[rows, joint]`.
-    pub fn see(&mut self, rows: usize, estimates: &[f32]) -> &[f32] {
+    /// What is seen in all of so many rows with these estimates, `[rows, joint]`. Where each row says whose it is, `ids`
+    /// `[rows]` has that.
+    pub fn see(&mut self, rows: usize, estimates: &[f32], ids: &[usize]) -> &[f32] {
         let mut seen = std::mem::take(&mut self.seen);
         seen.clear();
         let joint = estimates.len().checked_div(rows).unwrap_or(0);
-        (0..rows).for_each(|row| self.show(row, &estimates[row * joint..][..joint], &mut seen));
+        for row in 0..rows {
+            let agent = self.agent.unwrap_or_else(|| ids[row]);
+            self.show(row, agent, &estimates[row * joint..][..joint], &mut seen);
+        }
         self.seen = seen;
         &self.seen
     }

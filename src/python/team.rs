@@ -115,7 +115,7 @@ impl Team {
 
 impl Team {
     fn of(name: &str, spec: Spec, policy: &Policy, greedy: bool) -> Result<Team> {
-        if policy.networks().actors_have_senses() {
+        if policy.networks().actors_hear() {
             return Err(usage!(
                 "{name}: its actors see more than joint estimates: what arrived, and how old it is. Nothing here tells them; \
                  play it with `vamaro-swarm spawn` or `evaluate`"

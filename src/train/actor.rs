@@ -63,9 +63,9 @@ impl LearningActor {
         LearningActor {
             passes: Passes::new(settings.backend, &network),
             parameters: Parameters::untrained(&network, seed),
+            senses: Senses::of(&networks.actor_inputs, agents.start, dims),
             agents,
             ids: networks.sharing.id_len(dims),
-            senses: Senses::of(&networks.actor_inputs, dims.n_agents),
             seen: Vec::new(),
             x: Buffer::default(),
             old: Buffer::default(),

@@ -112,7 +112,7 @@ impl Batch {
                     senses.hear(row, sender, if sender == agent { Some(0) } else { arrived });
                 }
                 let from = (at * sources + agent.min(sources - 1)) * width;
-                senses.show(row, &seen[from..from + width], x);
+                senses.show(row, agent, &seen[from..from + width], x);
             }
         }
     }

@@ -43,6 +43,9 @@ pub struct Config {
     pub share_critics: bool,
     /// What critics see.
     pub critic_input: CriticInput,
+    /// Hidden size of the critics; written down if it is not that of the actors.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub critic_hidden: usize,
     /// Learning rate of actors and critics.
     pub learning_rate: f64,
     /// What entropy (nat) is worth in the actors' loss.
@@ -127,6 +130,9 @@ pub enum Preset {
     /// The settings in the paper's text, except for one small actor that all agents share, and small critics and
     /// predictors: policies of a few hundred kilobytes
     Small,
+    /// For larger teams: a small actor that all agents share and that sees its agent first, a critic for the whole team,
+    /// batches of 64 episodes, and advantages by GAE
+    Team,
 }
 
 /// What trains the policy.
@@ -243,6 +249,7 @@ impl Config {
             networks: self.networks(),
             critic_sharing: sharing(self.share_critics),
             critic_input: self.critic_input,
+            critic_hidden: if self.critic_hidden == 0 { self.hidden } else { self.critic_hidden },
             predictors: self.predictors.iter().map(predictor).collect(),
             predictor_updates: self.predictor_updates,
             learning_rate: self.learning_rate,
@@ -317,6 +324,7 @@ impl Config {
         let mut table = Table::try_from(self).expect("a configuration is a table");
         let inputs = Value::try_from(&self.actor_inputs).expect("inputs are a list of words");
         table.insert("actor_inputs".to_owned(), inputs);
+        table.insert("critic_hidden".to_owned(), Value::Integer(self.critic_hidden as i64));
         table.insert("relay".to_owned(), self.relay.into());
         table.insert("train_imputer".to_owned(), self.train_imputer.clone().into());
         table
@@ -345,6 +353,10 @@ impl Config {
 
 fn is_false(flag: &bool) -> bool {
     !flag
+}
+
+fn is_zero(size: &usize) -> bool {
+    *size == 0
 }
 
 fn estimates_alone() -> Vec<Input> {
@@ -431,15 +443,20 @@ mod tests {
             (&[("clip", "wide")], "--set: `clip`: invalid type"),
             (
                 &[("predictor_inputs", "estimate,weather")],
-                "--set: `predictor_inputs`: unknown variant `weather`, expected one of `estimate`, `delivered`, `age`, `innovation`, `own-action`",
+                "--set: `predictor_inputs`: unknown variant `weather`, expected one of `estimate`, `egocentric`, `delivered`, `age`, `innovation`, `own-action`",
             ),
             (&[("predictor_inputs", "own-action")], "\"value-aware\" sees `estimate` first"),
-            (&[("actor_inputs", "estimate,own-action")], "the actors see `estimate` first"),
-            (&[("actor_inputs", "delivered")], "the actors see `estimate` first"),
+            (&[("predictor_inputs", "estimate,egocentric")], "\"value-aware\" sees `estimate` first"),
+            (&[("actor_inputs", "estimate,own-action")], "the actors see `estimate` or `egocentric` first"),
+            (&[("actor_inputs", "estimate,egocentric")], "the actors see `estimate` or `egocentric` first"),
+            (&[("actor_inputs", "delivered")], "the actors see `estimate` or `egocentric` first"),
             (&[("epochs", "0")], "`epochs` is 0"),
             (&[("steps", "0")], "`steps` is 0"),
             (&[("batch_episodes", "1e12")], "`batch_episodes` is 1000000000000, expected 1 to 4096"),
             (&[("algorithm", "ippo"), ("critic_input", "all")], "`critic_input` all"),
+            (&[("algorithm", "ippo"), ("critic_input", "team")], "`critic_input` team"),
+            (&[("critic_hidden", "-1")], "--set: `critic_hidden`"),
+            (&[("critic_hidden", "1e9")], "`critic_hidden` is 1000000000"),
             (&[("epochs", "1.5")], "--set: `epochs`"),
             (&[("learning_rate", "-1")], "`learning_rate` is -1"),
             (&[("learning_rate", "nan")], "`learning_rate` is NaN"),

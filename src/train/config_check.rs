@@ -3,6 +3,7 @@
 use super::config::{Algorithm, Config, TrainP, objective};
 use super::settings::{CriticInput, Loss};
 use crate::base::error::Result;
+use crate::nn::MAX_HIDDEN;
 use crate::usage;
 
 /// Beyond this a test would take longer than training, by mistake.
@@ -32,6 +33,12 @@ impl Config {
                 &u64::MAX => usage!("`{key}` is {value}, expected 1 or more"),
                 most => usage!("`{key}` is {value}, expected 1 to {most}"),
             });
+        }
+        if self.critic_hidden > MAX_HIDDEN {
+            let size = self.critic_hidden;
+            return Err(usage!(
+                "`critic_hidden` is {size}, expected 0, for that of the actors, to {MAX_HIDDEN}"
+            ));
         }
         if self.test_episodes > MOST_TEST_EPISODES {
             return Err(usage!(
@@ -63,10 +70,14 @@ impl Config {
                 "`predictor_loss` is kl, which is for policies that do not change any more; expected nll or mse"
             ));
         }
-        if self.algorithm == Algorithm::Ippo && self.critic_input == CriticInput::AllObservations {
+        if self.algorithm == Algorithm::Ippo
+            && matches!(self.critic_input, CriticInput::AllObservations | CriticInput::Team)
+        {
+            let name = serde_json::json!(self.critic_input);
             return Err(usage!(
-                "`algorithm` is ippo and `critic_input` all: critics that see everything are those of mappo; set \
-                 `critic_input` to joint or local, or `algorithm` to mappo"
+                "`algorithm` is ippo and `critic_input` {}: critics that see everything are those of mappo; set \
+                 `critic_input` to joint or local, or `algorithm` to mappo",
+                name.as_str().unwrap_or_default()
             ));
         }
         match self.train_p {

@@ -18,13 +18,17 @@ pub struct LearningCritic {
     /// Its weights.
     pub parameters: Parameters,
     pub(super) agents: Range<usize>,
+    /// What it says a value of: each of its agents, or once the team.
+    pub(super) valued: Range<usize>,
     /// The weights that returns are estimated with.
     pub target: Flat,
     ids: usize,
     passes: Passes,
-    x: Buffer,
+    /// What the team's critic sees, `[T + 1, E, inputs]`.
+    seen: Vec<f32>,
+    pub(super) x: Buffer,
     returns: Buffer,
-    /// Return minus value, `[T, E, its agents]`; zero behind an episode's end.
+    /// Return minus value, `[T, E, values]`; zero behind an episode's end.
     pub(super) advantages: Buffer,
     d: Buffer,
     /// Its share of the means over all agents.
@@ -59,20 +63,24 @@ impl LearningCritic {
         agents: Range<usize>,
         seed: u64,
     ) -> LearningCritic {
-        let ids = settings.critic_sharing.id_len(dims);
+        let team = settings.critic_input == CriticInput::Team;
+        let ids = if team { 0 } else { settings.critic_sharing.id_len(dims) };
         let inputs = match settings.critic_input {
+            CriticInput::Team => dims.n_agents * observation + 1,
             CriticInput::AllObservations => dims.n_agents * observation,
             CriticInput::Joint => dims.joint,
             CriticInput::OwnObservation => observation,
         };
-        let network = critic(settings.critic_sharing, agents.start, inputs + ids, settings.networks.hidden);
+        let network = critic(settings.critic_sharing, agents.start, inputs + ids, settings.critic_hidden);
         let parameters = Parameters::untrained(&network, seed);
         LearningCritic {
             target: parameters.values.clone(),
             parameters,
+            valued: if team { 0..1 } else { agents.clone() },
             agents,
             ids,
             passes: Passes::new(settings.backend, &network),
+            seen: Vec::new(),
             x: Buffer::default(),
             returns: Buffer::default(),
             advantages: Buffer::default(),
@@ -86,17 +94,21 @@ impl LearningCritic {
     /// Once per update: takes the inputs from the batch, and the returns from the target's values.
     pub(super) fn begin(&mut self, settings: &Settings, n_agents: usize, batch: &Batch, rewards: &[f32]) {
         let (inputs, sources) = match settings.critic_input {
+            CriticInput::Team => {
+                see_as_team(batch, rewards, &mut self.seen);
+                (&self.seen[..], 1)
+            }
             CriticInput::AllObservations => (&batch.observations[..], 1),
             CriticInput::Joint => batch.seen(n_agents),
             CriticInput::OwnObservation => (&batch.observations[..], n_agents),
         };
         let width = inputs.len() / ((batch.steps + 1) * batch.episodes * sources);
-        gather(inputs, sources, width, &self.agents, self.ids, &mut self.x);
-        let rows = batch.episodes * self.agents.len();
+        gather(inputs, sources, width, &self.valued, self.ids, &mut self.x);
+        let rows = batch.episodes * self.valued.len();
         blank(&mut self.x, batch.steps + 1, batch.episodes, |episode| batch.ends.valued(episode));
         let values = self.passes.forward(&self.target, batch.steps + 1, rows, &self.x);
         let to = self.returns.resize(batch.steps * rows);
-        returns(settings.estimator, settings.gamma, rewards, values, &batch.ends, self.agents.len(), to);
+        returns(settings.estimator, settings.gamma, rewards, values, &batch.ends, self.valued.len(), to);
         // What follows on the last action is for the target alone.
         blank(&mut self.x, batch.steps + 1, batch.episodes, |episode| batch.ends.lengths()[episode]);
     }
@@ -104,14 +116,16 @@ impl LearningCritic {
     /// One epoch: the advantages, and the gradient of the mean of `(return - value)^2` over all entries (steps played,
     /// episodes and agents) of the batch.
     pub(super) fn differentiate(&mut self, n_agents: usize, batch: &Batch) {
-        let (rows, entries) = (self.returns.len(), batch.entries(n_agents));
+        // Of what the team's critic says, every agent has as much.
+        let entries = batch.entries(n_agents) * self.valued.len() / self.agents.len();
+        let rows = self.returns.len();
         let inputs = self.parameters.specs[0].shape[0];
         let x = &self.x[..rows * inputs];
         let values = self.passes.forward(&self.parameters.values, 1, rows, x);
         let (advantages, d) = (self.advantages.resize(rows), self.d.resize(rows));
         let (mut losses, share) = (CriticLosses::default(), 1.0 / entries as f64);
         for (at, (advantage, d)) in advantages.iter_mut().zip(d.iter_mut()).enumerate() {
-            let row = at / self.agents.len();
+            let row = at / self.valued.len();
             if !batch.ends.played(row / batch.episodes, row % batch.episodes) {
                 (*advantage, *d) = (0.0, 0.0);
                 continue;
@@ -134,6 +148,16 @@ impl LearningCritic {
     /// The target becomes the critic.
     pub(super) fn renew_target(&mut self) {
         self.target.all_mut().copy_from_slice(self.parameters.values.all());
+    }
+}
+
+/// Writes what the team's critic sees, `[T + 1, E, inputs]`: all observations, and the reward of the step before, 0 at first.
+fn see_as_team(batch: &Batch, rewards: &[f32], seen: &mut Vec<f32>) {
+    let width = batch.observations.len() / ((batch.steps + 1) * batch.episodes);
+    seen.clear();
+    for (row, observations) in batch.observations.chunks_exact(width).enumerate() {
+        seen.extend_from_slice(observations);
+        seen.push(row.checked_sub(batch.episodes).map_or(0.0, |before| rewards[before]));
     }
 }
 

@@ -9,7 +9,7 @@ use super::memory::Buffer;
 use super::parameters::clip_scale;
 use super::predictor::{LearningPredictor, PredictorLosses};
 use super::returns::standardise;
-use super::settings::{Objective, Settings};
+use super::settings::{CriticInput, Objective, Settings};
 use crate::base::threads::side_by_side;
 use crate::nn::{Dims, Sharing};
 
@@ -92,7 +92,11 @@ impl Learner {
             };
             (0..dims.n_agents).step_by(size).map(move |first| first..first + size)
         };
-        let (actors, critics) = (groups(settings.networks.sharing), groups(settings.critic_sharing));
+        let critic_sharing = match settings.critic_input {
+            CriticInput::Team => Sharing::Shared,
+            _ => settings.critic_sharing,
+        };
+        let (actors, critics) = (groups(settings.networks.sharing), groups(critic_sharing));
         let predictors = settings.networks.predictors.iter().zip(&settings.predictors);
         Learner {
             actors: actors.map(|agents| LearningActor::new(&settings, dims, agents, seed)).collect(),
@@ -172,7 +176,7 @@ impl Learner {
         let critics = self.critics.iter().map(|critic| {
             let epochs = critic.parameters.flop_both_ways() * epochs * rows(episodes, steps);
             let target = critic.parameters.flop_forward() * rows(episodes, steps + 1);
-            (epochs + target) * critic.agents.len() as f64
+            (epochs + target) * critic.valued.len() as f64
         });
         let predictors = self.predictors.iter().map(|predictor| {
             let episodes = match predictor.settings.objective {
@@ -240,9 +244,14 @@ impl Learner {
         let n_agents = self.available.len();
         let advantages = self.advantages.resize(batch.actions.len());
         for critic in &self.critics {
-            let own = critic.advantages.chunks_exact(critic.agents.len());
-            for (own, all) in own.zip(advantages.chunks_exact_mut(n_agents)) {
-                all[critic.agents.clone()].copy_from_slice(own);
+            let rows = advantages.chunks_exact_mut(n_agents);
+            let own = critic.advantages.chunks_exact(critic.advantages.len() / rows.len());
+            for (own, all) in own.zip(rows) {
+                let agents = &mut all[critic.agents.clone()];
+                match own {
+                    [teams] => agents.fill(*teams),
+                    _ => agents.copy_from_slice(own),
+                }
             }
         }
         let norm = |squares: &mut dyn Iterator<Item = f64>| squares.sum::<f64>().sqrt();

@@ -31,10 +31,11 @@ pub(super) fn memory_needed(config: &Config, spec: &Spec) -> u64 {
     let networks = config.networks();
     let policy: usize = networks.tensors(&dims).iter().map(TensorSpec::n_values).sum();
     let observations = dims.n_agents * spec.padded_obs_dim();
-    let critic = (observations + dims.joint + config.hidden) * config.hidden;
+    let critic_hidden = config.settings().critic_hidden;
+    let critic = (observations + dims.joint + critic_hidden) * critic_hidden;
     let weights = COPIES_IN_LEARNER * (policy + dims.n_agents * critic) + COPIES_OF_POLICY * policy;
     let rows = (spec.episode_steps + 1) * config.batch_episodes;
-    let hidden = 2 * dims.n_agents * config.hidden * BETWEEN_LAYERS;
+    let hidden = dims.n_agents * (config.hidden + critic_hidden) * BETWEEN_LAYERS;
     let predictor_rows = spec.episode_steps * config.batch_episodes.max(config.replay_batch);
     let views = if config.sees_own_actions() { dims.n_agents } else { 1 };
     let predictors =

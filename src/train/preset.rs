@@ -4,7 +4,7 @@ use super::config::{AdvantageKind, Algorithm, Config, Preset, TrainP};
 use super::settings::{Backend, CriticInput, Loss, Objective, PredictorSettings, Settings};
 use crate::agent::paper_actor;
 use crate::environment::{PhysicsSpec, Spec};
-use crate::nn::{PredictorSpec, Sigma};
+use crate::nn::{ActorKind, Input, PredictorSpec, Sigma};
 
 impl Config {
     /// The defaults for a task.
@@ -27,6 +27,7 @@ impl Config {
                 Algorithm::Mappo => CriticInput::AllObservations,
                 Algorithm::Ippo => CriticInput::Joint,
             },
+            critic_hidden: 0,
             learning_rate: paper.learning_rate,
             entropy_coefficient: paper.entropy_coefficient,
             gamma: paper.gamma,
@@ -74,6 +75,26 @@ impl Config {
                 predictor_hidden: 64,
                 // Setting 1 has a third of it: too slow for what one small network has to learn for all.
                 learning_rate: 3e-4,
+                ..paper
+            },
+            Preset::Team => Config {
+                actor: ActorKind::Mlp,
+                hidden: 64,
+                actor_inputs: vec![Input::Egocentric],
+                share_actors: true,
+                critic_input: match algorithm {
+                    Algorithm::Mappo => CriticInput::Team,
+                    Algorithm::Ippo => CriticInput::Joint,
+                },
+                critic_hidden: 128,
+                learning_rate: 7e-4,
+                entropy_coefficient: 0.03,
+                gamma: 0.95,
+                advantage: AdvantageKind::Gae,
+                target_interval: 1,
+                batch_episodes: 64,
+                update_every: 64,
+                predictor_hidden: 32,
                 ..paper
             },
         }

@@ -13,6 +13,8 @@ pub struct Settings {
     pub critic_sharing: Sharing,
     /// What critics see.
     pub critic_input: CriticInput,
+    /// Hidden size of the critics.
+    pub critic_hidden: usize,
     /// How each predictor of `networks` learns, in their order.
     pub predictors: Vec<PredictorSettings>,
     /// Steps of each predictor in one update.
@@ -61,6 +63,8 @@ pub enum Backend {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CriticInput {
+    /// The padded observations of all agents and the team's reward of the step before: one critic says one value for all.
+    Team,
     /// The padded observations of all agents (MAPPO).
     #[serde(rename = "all")]
     AllObservations,
@@ -149,6 +153,7 @@ impl Settings {
             networks: Networks::paper(actor),
             critic_sharing: Sharing::Separate,
             critic_input: CriticInput::AllObservations,
+            critic_hidden: Networks::paper(actor).hidden,
             predictors: vec![PredictorSettings::paper(Objective::ValueAware { lambda: 1.0 })],
             predictor_updates: 1,
             learning_rate,

@@ -101,7 +101,7 @@ impl Trainer {
             algorithm: algorithm.to_owned(),
             steps: self.timestep(),
             origin: format!("trained by vamaro-swarm{}", self.config.physics.if_other()),
-            imputer: self.config.networks().actors_have_senses().then(|| self.config.imputer()),
+            imputer: self.config.networks().actors_hear().then(|| self.config.imputer()),
             ..Meta::new(&self.config.task, self.config.seed)
         };
         Policy::new(&dims(self.task.spec()), meta, self.config.networks(), &self.weights)
@@ -152,7 +152,7 @@ impl State {
         let remembered = if config.replays() { config.replay_episodes } else { 0 };
         let seen = if config.sees_own_actions() { dims.n_agents } else { 0 };
         let mut batch = Batch::zeros(spec, config.batch_episodes, !config.everything_arrives());
-        if config.networks().actors_have_senses() && !config.everything_arrives() {
+        if config.networks().actors_hear() && !config.everything_arrives() {
             batch = batch.with_ages(dims.n_agents);
         }
         Ok(State {

@@ -209,6 +209,45 @@ fn a_policy_may_see_what_arrives_and_do_its_own_imputation() {
 }
 
 #[test]
+fn a_larger_team_has_one_egocentric_actor_and_one_critic() {
+    let folder = Folder::new();
+    let words =
+        "--preset team --task spread-blindfold-6 --steps 1500 --set batch_episodes=12 --set update_every=6";
+    let processes = folder.train("processes", words);
+    let here = folder.train("here", &format!("{words} --in-process --threads 2"));
+    assert_same(&processes, &here);
+    for setting in ["actor_inputs=estimate", "critic_input=all", "critic_hidden=8"] {
+        let other = folder.train(setting, &format!("{words} --in-process --set {setting}"));
+        assert_ne!(result(&here).0, result(&other).0, "what is learned depends on it");
+    }
+
+    let policy = here.join("policy.safetensors");
+    let inspected = succeed(&format!("inspect {}", policy.display()));
+    assert!(
+        inspected.contains("mlp, shared, hidden 32, egocentric") && !inspected.contains("imputer"),
+        "{inspected}"
+    );
+    let about: Value =
+        serde_json::from_str(&succeed(&format!("inspect {} --json", policy.display()))).unwrap();
+    assert_eq!(about["actor_inputs"], serde_json::json!(["egocentric"]));
+
+    // Its actors can be told the truth and imagined, since what they see follows from estimates.
+    let spawn = format!("spawn --policy {} --p 0.3 --episodes 3 --imputer", policy.display());
+    let trace = folder.path("trace.json");
+    let said = succeed(&format!("{spawn} value-aware --worlds 2 --json --record {}", trace.display()));
+    let alone = succeed(&format!("{spawn} value-aware --in-process --json"));
+    let [said, alone] = [said, alone].map(|said| serde_json::from_str::<Value>(&said).unwrap());
+    assert_eq!(said["return_mean"], alone["return_mean"]);
+    let verified = succeed(&format!("verify {}", trace.display()));
+    assert!(verified.contains("all 10 comparisons hold"), "{verified}");
+    succeed(&format!("fit {} --imputers dynamics", policy.display()));
+    let evaluate = format!("evaluate {} --episodes 4 --levels 1,0.3 --in-process", policy.display());
+    succeed(&format!(
+        "{evaluate} --imputers value-aware,teammates,given-teammates,shared-dice --substitute own"
+    ));
+}
+
+#[test]
 fn settings_decide_what_comes_out() {
     let folder = Folder::new();
     let settings = [

@@ -46,15 +46,18 @@ impl Actors {
             let is_same = |pass: &&mut Pass| !weights.is_empty() && pass.weights == weights;
             match passes.iter_mut().find(is_same) {
                 Some(pass) => pass.agents.push(agent),
-                None => passes.push(Pass {
-                    agents: vec![agent],
-                    actor: guess.actor(&setup.policy.actor(agent).by_row()),
-                    weights,
-                    state: setup.policy.actor(agent).state(0),
-                    inputs: Vec::new(),
-                    ids: Vec::new(),
-                    logits: Vec::new(),
-                }),
+                None => {
+                    let actor = guess.actor(&setup.policy.actor(agent).by_row());
+                    passes.push(Pass {
+                        agents: vec![agent],
+                        state: actor.state(0),
+                        actor,
+                        weights,
+                        inputs: Vec::new(),
+                        ids: Vec::new(),
+                        logits: Vec::new(),
+                    });
+                }
             }
         }
         let mut actors =

@@ -320,7 +320,7 @@ impl Entry {
 
     /// Whether it can run the actors of teammates, if it does that: what they see has to follow from estimates.
     fn can_imagine(&self, policy: &Policy) -> bool {
-        !(self.imagines_actors && policy.networks().actors_have_senses())
+        !(self.imagines_actors && policy.networks().actors_hear())
     }
 }
 

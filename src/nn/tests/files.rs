@@ -233,18 +233,23 @@ fn inputs_that_there_are_not_are_refused_by_name() {
     };
     failed(
         &with(r#"["estimate","weather"]"#),
-        "unknown variant `weather`, expected one of `estimate`, `delivered`, `age`, `innovation`, `own-action`",
+        "unknown variant `weather`, expected one of `estimate`, `egocentric`, `delivered`, `age`, `innovation`, `own-action`",
     );
     failed(&with(r#""weather""#), "unknown variant `weather`");
     failed(&with("7"), "expected `estimate` or a list of inputs");
-    for out_of_order in
-        [r#"[]"#, r#""own-action""#, r#"["own-action","estimate"]"#, r#"["estimate","estimate"]"#]
-    {
+    for out_of_order in [
+        r#"[]"#,
+        r#""own-action""#,
+        r#"["own-action","estimate"]"#,
+        r#"["estimate","estimate"]"#,
+        r#"["estimate","egocentric"]"#,
+        r#"["egocentric"]"#,
+    ] {
         failed(&with(out_of_order), "predictor \"maro\" sees `estimate` first");
     }
     failed(&with_word("actor_inputs", Some("[\"estimate\",\"weather\"]")), "unknown variant `weather`");
     let out_of_order = with_word("actor_inputs", Some("[\"estimate\",\"age\",\"delivered\"]"));
-    failed(&out_of_order, "the actors see `estimate` first");
+    failed(&out_of_order, "the actors see `estimate` or `egocentric` first");
     let wider = with_word("actor_inputs", Some("[\"estimate\",\"age\"]"));
     failed(&wider, "actors.0.fc1.weight is [7, 8], expected [10, 8]");
     let bytes = changed(|header, _| {

@@ -5,10 +5,11 @@ use crate::train::returns::{returns, standardise};
 
 /// Every combination of what looks at the end of an episode.
 fn all_settings() -> Vec<Settings> {
+    use CriticInput::{AllObservations, Joint, OwnObservation, Team};
     let mut all = Vec::new();
     for (kind, sharing) in kinds() {
         all.push(acting(settings(kind, sharing)));
-        for critic_input in [CriticInput::AllObservations, CriticInput::Joint, CriticInput::OwnObservation] {
+        for critic_input in [Team, AllObservations, Joint, OwnObservation] {
             for estimator in [Estimator::Steps(2), Estimator::Gae(0.9)] {
                 all.push(Settings { critic_input, estimator, ..settings(kind, sharing) });
             }

@@ -48,7 +48,8 @@ fn the_gradient_of_an_actor_is_that_of_its_loss() {
 
 #[test]
 fn the_gradient_of_a_critic_is_that_of_its_loss() {
-    for input in [CriticInput::AllObservations, CriticInput::Joint, CriticInput::OwnObservation] {
+    use CriticInput::{AllObservations, Joint, OwnObservation, Team};
+    for input in [Team, AllObservations, Joint, OwnObservation] {
         for sharing in [Sharing::Separate, Sharing::Shared] {
             let settings = Settings { critic_input: input, ..settings(ActorKind::Mlp, sharing) };
             for batch in [batch(4), ended(4)] {

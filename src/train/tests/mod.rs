@@ -69,6 +69,7 @@ fn settings(actor: ActorKind, sharing: Sharing) -> Settings {
     Settings {
         networks,
         critic_sharing: sharing,
+        critic_hidden: 12,
         predictors: objectives.map(PredictorSettings::paper).to_vec(),
         entropy_coefficient: 0.5,
         ..Settings::paper(actor)
@@ -188,6 +189,65 @@ fn learner_and_agents_compute_the_same_bits() {
                 assert_eq!(bits(&logits), bits(learned), "{kind}, {sharing}, agent {agent}");
             }
         }
+    }
+}
+
+#[test]
+fn egocentric_actors_learn_from_what_their_agents_see() {
+    for (kind, sharing) in kinds() {
+        let mut settings = settings(kind, sharing);
+        settings.networks.actor_inputs = vec![Input::Egocentric];
+        let (mut team, batch) = (team(settings.clone(), 1), batch(1));
+        let mut values = Vec::new();
+        team.policy_values(&mut values);
+        let policy = Policy::new(&dims(), Meta::new("toy", 0), settings.networks.clone(), &values).unwrap();
+        for agent in 0..N {
+            let actors = team.actors.len();
+            let learning = &mut team.actors[agent.min(actors - 1)];
+            learning.begin(N, &batch);
+            let (views, network) = (learning.agents.len(), settings.networks.actor(agent, &dims()));
+            let mut passes = Passes::new(Backend::Native, &network);
+            let rows = batch.episodes * views;
+            let learned = passes.forward(&learning.parameters.values, batch.steps, rows, &learning.x);
+            let mut learned = learned.chunks_exact(dims().n_actions).skip(agent % views).step_by(views);
+
+            let (actor, mut scratch) = (policy.actor(agent), Scratch::default());
+            let mut state = actor.state(batch.episodes);
+            let mut logits = vec![0.0; batch.episodes * dims().n_actions];
+            for inputs in batch.joint.chunks_exact(batch.episodes * dims().joint).take(batch.steps) {
+                actor.step(batch.episodes, inputs, &[], &mut state, &mut scratch, &mut logits).unwrap();
+                for logits in logits.chunks_exact(dims().n_actions) {
+                    assert_eq!(Some(logits), learned.next(), "{kind}, {sharing}, agent {agent}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_critic_of_a_team_says_one_value_for_all() {
+    let settings = Settings {
+        critic_input: CriticInput::Team,
+        critic_hidden: 7,
+        ..settings(ActorKind::Mlp, Sharing::Separate)
+    };
+    let mut team = team(settings, 2);
+    assert_eq!((team.critics.len(), team.actors.len()), (1, N));
+    let batch = batch(1);
+    team.update(&batch, &[]);
+    let rows = team.advantages().chunks_exact(N);
+    assert!(rows.clone().all(|row| row.iter().all(|advantage| *advantage == row[0])));
+    assert!(rows.clone().any(|row| row[0] != team.advantages()[0]));
+    // What it sees last is the reward of the step before.
+    let critic = &team.critics[0];
+    let inputs = critic.parameters.specs[0].shape[0];
+    assert_eq!((inputs, critic.parameters.specs[0].shape[1]), (N * OBSERVATION + 1, 7));
+    let reward = |at: usize| critic.x[at * inputs + inputs - 1];
+    let mut rewards = batch.rewards.clone();
+    crate::train::returns::standardise(&mut rewards, &batch.ends);
+    for at in 0..batch.episodes * batch.steps {
+        let before = at.checked_sub(batch.episodes).map_or(0.0, |before| rewards[before]);
+        assert_eq!(reward(at), before, "row {at}");
     }
 }
 

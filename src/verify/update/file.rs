@@ -88,6 +88,7 @@ impl Config {
                 Algorithm::Mappo => CriticInput::AllObservations,
                 Algorithm::Ippo => CriticInput::Joint,
             },
+            critic_hidden: self.hidden,
             predictors: vec![PredictorSettings {
                 learning_rate: predictor.learning_rate,
                 largest_gradient: predictor.grad_norm_clip,
