@@ -132,7 +132,8 @@ fn against_the_clock() {
 fn against_the_clock_by_datagrams() {
     let _alone = alone();
     head_by_the_clock();
-    for loss in [0.0, 0.05, 0.3] {
+    // At 30 % it takes many minutes to connect.
+    for loss in [0.0, 0.05] {
         for (delay_ms, rate) in [(0, 20), (10, 5)] {
             let Some(setting) = Setting::new(2, "udp", delay_ms, loss) else { return skipped() };
             by_the_clock(&setting, delay_ms, loss, rate, "--links network");
