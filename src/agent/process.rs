@@ -15,6 +15,10 @@ use crate::bus::{
 use crate::failed;
 use crate::link::LONGEST_DELAY;
 
+/// Those that carry a decision to another machine, one waking the other: who looks after the agents there, and threads of the
+/// engine.
+const CARRIERS: usize = 4;
+
 /// How long an agent tries to open what its supervisor has created.
 const OPEN_DEADLINE: Duration = Duration::from_secs(5);
 
@@ -128,7 +132,7 @@ fn play(process: &ProcessSettings, mut agent: Agent) -> Result<()> {
     while next_tick(&mut member, *wait)? {
         member.publish()?;
         match member.deadline_ns() {
-            None if !in_lockstep(&mut member, *wait, *peers)? => return Ok(()),
+            None if !in_lockstep(&mut member, *wait, *carried, *peers)? => return Ok(()),
             Some(_) if !in_real_time(&mut member, *wait, *carried)? => return Ok(()),
             _ => member.predict(),
         }
@@ -138,7 +142,7 @@ fn play(process: &ProcessSettings, mut agent: Agent) -> Result<()> {
 
 /// Decides when all observations are in. The supervisor waits for either. False if the agent shall leave, which it may be
 /// told while it waits for one that has died.
-fn in_lockstep(member: &mut SharedMember, wait: Wait, peers: Duration) -> Result<bool> {
+fn in_lockstep(member: &mut SharedMember, wait: Wait, carried: bool, peers: Duration) -> Result<bool> {
     wake(member, wait)?;
     let deadline = Instant::now() + peers;
     let mut leaves = false;
@@ -160,8 +164,10 @@ fn in_lockstep(member: &mut SharedMember, wait: Wait, peers: Duration) -> Result
     member.decide()?;
     wake(member, wait)?;
     if wait == Wait::Block {
-        // Whom this has woken, and who has yet to decide on the same core, come first: predicting can wait.
-        std::thread::yield_now();
+        // Whom this has woken, and who has yet to decide on the same core, come first: predicting can wait. Whoever
+        // carries it to another machine wakes the next.
+        let turns = if carried { CARRIERS } else { 1 };
+        (0..turns).for_each(|_| std::thread::yield_now());
     }
     Ok(true)
 }

@@ -1,8 +1,10 @@
 //! The supervisor's side: hosts, and the agents that run there.
 
 use std::fmt;
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
@@ -52,11 +54,11 @@ impl Hosts {
     /// `Lost` if a host cannot be reached, refuses the key or does not answer; `Failed` if it is of another version.
     pub(crate) fn connect(plan: &Plan, team: usize, network_is_link: bool) -> Result<Hosts> {
         let (key, places) = (plan.key()?, plan.place(team)?);
-        let mut hosts = Vec::new();
         // A host without agents has nothing to do.
-        for (planned, agents) in plan.hosts.iter().zip(places).filter(|(_, agents)| *agents != 0) {
-            hosts.push(Host::connect(planned, key.as_ref(), plan.patience, agents, network_is_link)?);
-        }
+        let places = plan.hosts.iter().zip(places).filter(|(_, agents)| *agents != 0);
+        let hosts = at_once(places, |(planned, agents)| {
+            Host::connect(planned, key.as_ref(), plan.patience, agents, network_is_link)
+        })?;
         Ok(Hosts { hosts, swarm: None, dead: Vec::new(), frames: Arc::default() })
     }
 
@@ -74,7 +76,7 @@ impl Presence {
     /// Puts messages of a host on the bus, with their times by our clock.
     fn bring(&self, bytes: &[u8], host: &mut Host) -> Result<()> {
         let Host { running, agents, clock, tallies: [tally, _], .. } = host;
-        let (running, agents, clock, now_ns) = (*running, *agents, *clock, now_ns());
+        let (running, agents, clock, now_ns) = (*running, *agents, clock.estimate(), now_ns());
         let numbers = self.shape.each(bytes, |header, words| {
             let agent = header.sender;
             if agents >> agent & 1 == 0 {
@@ -117,9 +119,7 @@ impl Elsewhere for Hosts {
         };
         let policy = regular::read(path, LARGEST_POLICY)?;
         let bell = Arc::new(Bell::of(address)?);
-        for host in &mut self.hosts {
-            host.join(example, &policy, &bell)?;
-        }
+        at_once(self.hosts.iter_mut(), |host| host.join(example, &policy, &bell))?;
         let layout = settings.layout();
         self.swarm = Some(Presence {
             shape: Shape { layout, worlds: settings.worlds },
@@ -202,7 +202,7 @@ impl Elsewhere for Hosts {
         let now = Instant::now();
         for host in hosts {
             frames.fetch_add(host.outbox.send(host.line.as_ref()), Ordering::Relaxed);
-            if host.asks <= now {
+            if host.clock.is_due(now) {
                 host.ask_time();
             }
         }
@@ -211,7 +211,7 @@ impl Elsewhere for Hosts {
 
     fn report(&self) -> Vec<HostReport> {
         let of = |host: &Host| {
-            let clock = host.offset.at(now_ns()).unwrap_or_default();
+            let clock = host.clock.estimate_now();
             let [here, there] = &host.tallies;
             let [observations, lost, delayed] = here.and(there);
             HostReport {
@@ -223,7 +223,7 @@ impl Elsewhere for Hosts {
                 agents: host.agents,
                 ahead_ns: clock.ahead_ns,
                 error_ns: clock.error_ns,
-                clock_jumps: host.offset.jumps(),
+                clock_jumps: host.clock.jumps(),
             }
         };
         self.hosts.iter().map(of).collect()
@@ -264,6 +264,24 @@ impl fmt::Debug for Hosts {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.debug_list().entries(self.hosts.iter().map(|host| &host.name)).finish()
     }
+}
+
+/// Does something with all of these at a time, each in a thread of its own: they wait for machines that may be far away. The
+/// first error counts, when all have ended.
+fn at_once<T: Send, R: Send>(
+    all: impl Iterator<Item = T>,
+    act: impl Fn(T) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    let act = &act;
+    thread::scope(|scope| {
+        let start = |one| thread::Builder::new().spawn_scoped(scope, move || act(one));
+        let threads = all.map(start).collect::<io::Result<Vec<_>>>();
+        let threads = threads.map_err(|e| failed!("no thread can be started: {e}"))?;
+        let wait = |thread: thread::ScopedJoinHandle<_>| {
+            thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        };
+        threads.into_iter().map(wait).collect()
+    })
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! One host, as the supervisor knows it.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use super::clock::HostClock;
 use super::engine::{End, Engine, Heard, Line};
 use super::key::Key;
-use super::offset::{Estimate, Exchange, Jump, Offset};
+use super::offset::{Exchange, Jump};
 use super::orders::{
     Answer, Event, Identity, Invitation, Order, Question, bit_among, say, secret, understand,
 };
@@ -17,16 +17,12 @@ use super::tally::Tally;
 use crate::agent::process::ProcessSettings;
 use crate::base::error::{Error, Result};
 use crate::base::hash::fnv1a;
-use crate::bus::{Bell, Header, now_ns};
+use crate::bus::{Bell, Header};
 use crate::failed;
 use crate::supervisor::{members_of, say as say_aloud, signals};
 
-/// A host is asked for the time so many times before it plays, and then this often.
+/// A host is asked for the time so many times when it joins.
 const FIRST_QUESTIONS: usize = 8;
-const BETWEEN_QUESTIONS: Duration = Duration::from_millis(200);
-
-/// How many of the questions are remembered that it has not answered yet.
-const MOST_QUESTIONS: usize = 64;
 
 /// How often a wait looks whether the program was asked to stop.
 const SLICE: Duration = Duration::from_millis(50);
@@ -47,13 +43,7 @@ pub(super) struct Host {
     pub(super) outbox: Outbox,
     /// Of observations that come from there, and of those that have come there.
     pub(super) tallies: [Tally; 2],
-    pub(super) offset: Offset,
-    /// What is known of its clock now.
-    pub(super) clock: Estimate,
-    /// When it is asked for the time next.
-    pub(super) asks: Instant,
-    /// When it was asked, as far as it has not answered.
-    asked: VecDeque<u64>,
+    pub(super) clock: HostClock,
 }
 
 impl Host {
@@ -89,10 +79,7 @@ impl Host {
             line: None,
             outbox: Outbox::new(false, network_is_link),
             tallies: [Tally::default(); 2],
-            offset: Offset::default(),
-            clock: Estimate::default(),
-            asks: Instant::now(),
-            asked: VecDeque::new(),
+            clock: HostClock::new(),
         }
     }
 
@@ -158,12 +145,13 @@ impl Host {
                 return Err(failed!("{} does not say whether it will join", self.name));
             }
         }
-        (0..FIRST_QUESTIONS).try_for_each(|_| self.await_time())
+        self.await_time()
     }
 
-    /// Asks for the time, and waits for the answer.
+    /// Asks for the time, more than once since one answer may be slow, and waits for the first answer. The others are taken
+    /// as they come: so this takes one way there and back, and what is lost meanwhile holds up nobody.
     fn await_time(&mut self) -> Result<()> {
-        self.ask_time();
+        (0..FIRST_QUESTIONS).for_each(|_| self.ask_time());
         let longest = self.engine.patience.reply();
         let deadline = Instant::now() + longest;
         while Instant::now() < deadline {
@@ -173,7 +161,7 @@ impl Host {
                 Some(Heard::Words(words, at_ns)) => {
                     match understand(&words).map_err(|e| lost(&self.name, e))? {
                         Event::Told { asked_ns, heard_ns, said_ns, .. } => {
-                            self.note_time(Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
+                            self.note_time(&Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
                             return Ok(());
                         }
                         Event::Failed(how) => format!("cannot go on: {how}"),
@@ -189,19 +177,13 @@ impl Host {
     }
 
     pub(super) fn ask_time(&mut self) {
-        self.asks = Instant::now() + BETWEEN_QUESTIONS;
-        let Some(line) = &self.line else { return };
-        let asked_ns = now_ns();
-        line.say_unless_full(say(&Order::Tell { asked_ns }));
-        self.asked.truncate(MOST_QUESTIONS - 1);
-        self.asked.push_front(asked_ns);
+        let Host { line: Some(line), clock, .. } = self else { return };
+        line.say_unless_full(say(&clock.ask()));
     }
 
-    /// Takes note of what its clock says, if it was asked. That it jumped is said once: the summary counts how often.
-    fn note_time(&mut self, exchange: Exchange) {
-        let Some(at) = self.asked.iter().position(|asked_ns| *asked_ns == exchange.asked_ns) else { return };
-        self.asked.remove(at);
-        if let Some(Jump { by_ns, allowed_ns, number: 1 }) = self.offset.note(&exchange) {
+    /// Takes note of what its clock says.
+    fn note_time(&mut self, exchange: &Exchange) {
+        if let Some(Jump { by_ns, allowed_ns, .. }) = self.clock.note(exchange) {
             say_aloud(format!(
                 "warning: the clock of {} moved by {:.3} ms against ours, of which errors and drift explain {:.3} ms; was \
                  that machine suspended? Until now its times, and the deadlines it was given, may have been wrong by that",
@@ -210,12 +192,12 @@ impl Host {
                 allowed_ns as f64 / 1e6
             ));
         }
-        self.clock = self.offset.at(now_ns()).unwrap_or_default();
     }
 
     /// Adds a message to what it is sent next, with its times by the clock there.
     pub(super) fn push(&mut self, header: &Header, words: &[u32]) {
-        let header = translated(header, |ns| self.clock.theirs(ns));
+        let clock = self.clock.estimate();
+        let header = translated(header, |ns| clock.theirs(ns));
         self.outbox.push(&header, words);
     }
 
@@ -260,7 +242,7 @@ impl Host {
             }
             Event::Told { asked_ns, heard_ns, said_ns, tally } => {
                 self.tallies[1] = tally;
-                self.note_time(Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
+                self.note_time(&Exchange { asked_ns, heard_ns, said_ns, answered_ns: at_ns });
                 Ok(())
             }
             Event::Failed(how) => Err(failed!("cannot go on: {how}")),

@@ -16,11 +16,12 @@
 //! hosts pass through the machine of the supervisor.
 //!
 //! Times in messages are of the clock of the machine that they are on: the supervisor translates, in both directions, by
-//! what `offset.rs` knows of each host's clock.
+//! what `clock.rs` knows of each host's clock.
 //!
 //! Only `engine.rs` names Zenoh, which carries the bytes, and `plain.rs`, which it is compared with.
 
 mod abroad;
+mod clock;
 mod echo;
 mod engine;
 mod frame;

@@ -355,7 +355,9 @@ impl Input {
 fn check_actor_inputs(inputs: &[Input]) -> Result<(), String> {
     use Input::{Age, Delivered, Egocentric, Estimate};
     match inputs {
-        [Estimate | Egocentric, rest @ ..] if matches!(rest, [] | [Delivered] | [Age] | [Delivered, Age]) => Ok(()),
+        [Estimate | Egocentric]
+        | [Estimate | Egocentric, Delivered | Age]
+        | [Estimate | Egocentric, Delivered, Age] => Ok(()),
         _ => Err("the actors see `estimate` or `egocentric` first, and may see `delivered` and `age` behind it, in this order; \
                   set `actor_inputs`"
             .to_string()),

@@ -58,9 +58,14 @@ impl Namespace {
 
     /// Starts a host in it, with a key from this folder and this patience.
     pub fn start(&self, name: &str, folder: &Path, patience: &str) -> Host {
+        self.start_over("tcp", name, folder, patience)
+    }
+
+    /// The same, over `tcp` or `udp`.
+    pub fn start_over(&self, kind: &str, name: &str, folder: &Path, patience: &str) -> Host {
         let mut command = Command::new("ip");
         command.args(["netns", "exec", &self.name, PROGRAM]);
-        let (at, key) = (format!("tcp/{}:7447", self.address), key(folder, "key", 'k'));
+        let (at, key) = (format!("{kind}/{}:7447", self.address), key(folder, "key", 'k'));
         let more = ["--key", key.to_str().unwrap(), "--patience", patience];
         let mut host = Host::start_at(command, name, &at, &more).unwrap();
         host.top = format!("key = \"{}\"\npatience = \"{patience}\"\n", key.display());
