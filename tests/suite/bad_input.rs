@@ -40,7 +40,11 @@ fn requests_that_make_no_sense() {
     fail("spawn --task hear-see --agents 3", 2, &["2 agents", "spread-blindfold"]);
     fail("spawn --task hear-see --agents 65", 2, &["1 to 64"]);
     fail("spawn --agents 65", 2, &["1 to 64"]);
-    fail("spawn --task spread-blindfold-5", 2, &["no built-in policy for spread-blindfold-5", "--policy untrained"]);
+    fail(
+        "spawn --task spread-blindfold-5",
+        2,
+        &["no built-in policy for spread-blindfold-5", "--policy untrained"],
+    );
     fail("spawn --imputer clairvoyant", 2, &["clairvoyant", "value-aware", "hold"]);
     fail("spawn --links sometimes", 2, &["uniform, asymmetric, dynamic"]);
     fail("spawn --links unifrom", 2, &["nearest is `uniform`"]);
