@@ -18,7 +18,7 @@ use vamaro_swarm::bus::{
 };
 use vamaro_swarm::environment::{Outcome, Task};
 use vamaro_swarm::link::{LinkSpec, Links};
-use vamaro_swarm::nn::{ActorKind, Dims, Input, Networks, Policy, Scratch, Sharing};
+use vamaro_swarm::nn::{ActorKind, Input, Networks, Policy, Scratch, Sharing};
 use vamaro_swarm::supervisor::{
     Audit, Conduct, Decisions, InProcess, Ledger, Order, Processes, Session, Stage, Team, Tick,
 };
@@ -80,14 +80,7 @@ fn an_episode_allocates_nothing() {
 
 #[test]
 fn running_networks_allocates_nothing_after_the_first_pass() {
-    let dims = Dims {
-        task: "toy".to_string(),
-        n_agents: 4,
-        joint: 24,
-        predicted: 16,
-        n_actions: 5,
-        agents: Vec::new(),
-    };
+    let dims = dims(Task::parse("spread-xy-4").unwrap().spec());
     let all = vec![Input::Estimate, Input::Delivered, Input::Age];
     for (actor, sharing, actor_inputs) in [
         (ActorKind::Mlp, Sharing::Separate, vec![Input::Estimate]),

@@ -15,8 +15,8 @@ use crate::bus::{
 use crate::failed;
 use crate::link::LONGEST_DELAY;
 
-/// Those that carry a decision to another machine, one waking the other: who looks after the agents there, and threads of the
-/// engine.
+/// At most so many threads wake each other, one after the other, to carry a decision to another machine: the steward of this
+/// one, and three of the engine.
 const CARRIERS: usize = 4;
 
 /// How long an agent tries to open what its supervisor has created.

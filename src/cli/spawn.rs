@@ -204,7 +204,7 @@ Examples:
   vamaro-swarm spawn --agents 4 --p 0.2 --relay
   vamaro-swarm spawn --agents 4 --p 0 --physics motor_noise=0.3,mass=1.2
   # where did each input of the policies come from?
-  vamaro-swarm spawn --agents 6 --policy untrained --links dynamic --audit
+  vamaro-swarm spawn --agents 6 --links dynamic --audit
   # agent 2 is your own program
   vamaro-swarm spawn --agents 4 --imputer hold \\
     --agent '2=python3 agents/python/hold.py'

@@ -148,7 +148,7 @@ impl Host {
         self.await_time()
     }
 
-    /// Asks for the time, more than once since one answer may be slow, and waits for the first answer. The others are taken
+    /// Asks for the time, several times since the answer with the smallest error counts, and waits for the first. The others are taken
     /// as they come: so this takes one way there and back, and what is lost meanwhile holds up nobody.
     fn await_time(&mut self) -> Result<()> {
         (0..FIRST_QUESTIONS).for_each(|_| self.ask_time());

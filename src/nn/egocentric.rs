@@ -1,35 +1,38 @@
-//! Joint observations as one agent of a team sees them whose agents are alike: from itself on.
+//! Joint observations as an agent sees them in a team whose agents are alike: from itself on.
 
 use super::Dims;
 use crate::environment::{About, AgentSpec, Value};
 
-/// Turns joint observations so that an agent finds itself where the first of its kind is, and divides what is not its own by
-/// the number of agents.
+/// Turns joint observations so that an agent's own part comes first, and divides what is not its own by the number of agents.
 ///
 /// One actor for all agents then learns what to do with the own part once, not once for each place where it may stand, and
-/// before anything else. That is how a team shares out its landmarks. While all of them weigh the same, every agent goes to
-/// the middle of them, and none gains by being the first to leave it.
+/// before anything else. That is how a team shares out its landmarks. As long as all landmarks weigh the same, every agent goes
+/// to their middle, and no agent gains by leaving first.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Egocentric {
     agents: usize,
     /// How many values are the parts of the agents.
     predicted: usize,
-    /// The agents are alike if all of them are counted on by so many.
+    /// Agents this far apart are alike.
     period: usize,
 }
 
 impl Egocentric {
     /// For a team.
+    ///
+    /// # Panics
+    /// If it is not known what each agent observes and does.
     pub fn of(dims: &Dims) -> Egocentric {
         let agents = dims.n_agents;
+        assert_eq!(dims.agents.len(), agents, "egocentric actors depend on which agents are alike");
         let periods = (1..=agents).filter(|period| agents.is_multiple_of(*period));
         let period = periods.clone().find(|&period| repeats(&dims.agents, period)).unwrap_or(agents);
         Egocentric { agents, predicted: dims.predicted, period }
     }
 
     /// Appends a joint observation as `agent` sees it: the parts of the agents from the first of its period on, then of those
-    /// before; all but those of its period are divided. So is the common part, if it has as many equal parts as there are
-    /// agents.
+    /// before; all but those of its period are divided. So is the common part, if its length is a multiple of
+    /// the number of agents.
     pub fn show(&self, agent: usize, joint: &[f32], seen: &mut Vec<f32>) {
         let first = agent - agent % self.period;
         let (parts, common) = joint.split_at(self.predicted);

@@ -70,7 +70,8 @@ pub struct Dims {
     pub predicted: usize,
     /// The number of actions of an agent.
     pub n_actions: usize,
-    /// What each agent observes and does. Networks of ours need no more than the sizes above.
+    /// What each agent observes and does. Networks of ours need no more than the sizes above, except for egocentric actors, which
+    /// depend on which agents are alike.
     pub agents: Vec<AgentSpec>,
 }
 

@@ -105,7 +105,7 @@ pub enum Input {
     /// The agent's estimate of the joint observation.
     Estimate,
     /// The same as an actor sees it from its own agent on: first the part of this agent, then, divided by the number of agents,
-    /// of those after it and of those before it; the common part likewise, if it has as many equal parts as there are agents.
+    /// of those after it and of those before it; the common part likewise, if its length is a multiple of their number.
     /// Where agents are alike only by twos or more, it begins with the agent's group; where none are alike, it is the estimate.
     Egocentric,
     /// Of each agent, whether something it observed arrived in the step: 1 or 0. Of itself an agent always hears.

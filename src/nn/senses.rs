@@ -64,14 +64,15 @@ impl Hearing {
     }
 }
 
-/// What an actor sees that does not just see estimates as they are, and has heard in each of several episodes.
+/// What an actor sees if that is not just the estimate, and what it has heard in each of several episodes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Senses {
     /// What it sees, in this order.
     inputs: Vec<Input>,
     /// Whose it is, unless each row says that.
     agent: Option<usize>,
-    egocentric: Egocentric,
+    /// If it sees that.
+    egocentric: Option<Egocentric>,
     hearing: Hearing,
     /// What all rows saw last, `[rows, inputs]`.
     seen: Vec<f32>,
@@ -83,7 +84,7 @@ impl Senses {
         (inputs != [Input::Estimate]).then(|| Senses {
             inputs: inputs.to_vec(),
             agent: Some(agent),
-            egocentric: Egocentric::of(dims),
+            egocentric: inputs.contains(&Input::Egocentric).then(|| Egocentric::of(dims)),
             hearing: Hearing::of(dims.n_agents),
             seen: Vec::new(),
         })
@@ -115,7 +116,10 @@ impl Senses {
         for input in &self.inputs {
             match input {
                 Input::Estimate => seen.extend_from_slice(estimate),
-                Input::Egocentric => self.egocentric.show(agent, estimate, seen),
+                Input::Egocentric => {
+                    let egocentric = self.egocentric.as_ref().expect("it is there for this input");
+                    egocentric.show(agent, estimate, seen);
+                }
                 _ => self.hearing.show(row, *input, seen),
             }
         }

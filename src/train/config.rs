@@ -130,8 +130,8 @@ pub enum Preset {
     /// The settings in the paper's text, except for one small actor that all agents share, and small critics and
     /// predictors: policies of a few hundred kilobytes
     Small,
-    /// For larger teams: a small actor that all agents share and that sees its agent first, a critic for the whole team,
-    /// batches of 64 episodes, and advantages by GAE
+    /// For teams of any size: a small actor that all agents share and that sees its own agent's part first, with MAPPO one
+    /// critic for the whole team, batches of 64 episodes, and advantages by GAE
     Team,
 }
 
@@ -247,7 +247,7 @@ impl Config {
         };
         Settings {
             networks: self.networks(),
-            critic_sharing: sharing(self.share_critics),
+            critic_sharing: sharing(self.share_critics || self.critic_input == CriticInput::Team),
             critic_input: self.critic_input,
             critic_hidden: if self.critic_hidden == 0 { self.hidden } else { self.critic_hidden },
             predictors: self.predictors.iter().map(predictor).collect(),

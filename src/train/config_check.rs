@@ -77,7 +77,7 @@ impl Config {
             return Err(usage!(
                 "`algorithm` is ippo and `critic_input` {}: critics that see everything are those of mappo; set \
                  `critic_input` to joint or local, or `algorithm` to mappo",
-                name.as_str().unwrap_or_default()
+                name.as_str().expect("it is written as a word")
             ));
         }
         match self.train_p {

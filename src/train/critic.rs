@@ -18,14 +18,12 @@ pub struct LearningCritic {
     /// Its weights.
     pub parameters: Parameters,
     pub(super) agents: Range<usize>,
-    /// What it says a value of: each of its agents, or once the team.
+    /// Whose values it says: each of its agents', or one for the team.
     pub(super) valued: Range<usize>,
     /// The weights that returns are estimated with.
     pub target: Flat,
     ids: usize,
     passes: Passes,
-    /// What the team's critic sees, `[T + 1, E, inputs]`.
-    seen: Vec<f32>,
     pub(super) x: Buffer,
     returns: Buffer,
     /// Return minus value, `[T, E, values]`; zero behind an episode's end.
@@ -80,7 +78,6 @@ impl LearningCritic {
             agents,
             ids,
             passes: Passes::new(settings.backend, &network),
-            seen: Vec::new(),
             x: Buffer::default(),
             returns: Buffer::default(),
             advantages: Buffer::default(),
@@ -94,16 +91,16 @@ impl LearningCritic {
     /// Once per update: takes the inputs from the batch, and the returns from the target's values.
     pub(super) fn begin(&mut self, settings: &Settings, n_agents: usize, batch: &Batch, rewards: &[f32]) {
         let (inputs, sources) = match settings.critic_input {
-            CriticInput::Team => {
-                see_as_team(batch, rewards, &mut self.seen);
-                (&self.seen[..], 1)
-            }
-            CriticInput::AllObservations => (&batch.observations[..], 1),
+            CriticInput::Team | CriticInput::AllObservations => (&batch.observations[..], 1),
             CriticInput::Joint => batch.seen(n_agents),
             CriticInput::OwnObservation => (&batch.observations[..], n_agents),
         };
         let width = inputs.len() / ((batch.steps + 1) * batch.episodes * sources);
-        gather(inputs, sources, width, &self.valued, self.ids, &mut self.x);
+        if settings.critic_input == CriticInput::Team {
+            see_as_team(inputs, width, batch.episodes, rewards, &mut self.x);
+        } else {
+            gather(inputs, sources, width, &self.agents, self.ids, &mut self.x);
+        }
         let rows = batch.episodes * self.valued.len();
         blank(&mut self.x, batch.steps + 1, batch.episodes, |episode| batch.ends.valued(episode));
         let values = self.passes.forward(&self.target, batch.steps + 1, rows, &self.x);
@@ -116,7 +113,7 @@ impl LearningCritic {
     /// One epoch: the advantages, and the gradient of the mean of `(return - value)^2` over all entries (steps played,
     /// episodes and agents) of the batch.
     pub(super) fn differentiate(&mut self, n_agents: usize, batch: &Batch) {
-        // Of what the team's critic says, every agent has as much.
+        // One value of the team's critic stands for all its agents.
         let entries = batch.entries(n_agents) * self.valued.len() / self.agents.len();
         let rows = self.returns.len();
         let inputs = self.parameters.specs[0].shape[0];
@@ -151,13 +148,14 @@ impl LearningCritic {
     }
 }
 
-/// Writes what the team's critic sees, `[T + 1, E, inputs]`: all observations, and the reward of the step before, 0 at first.
-fn see_as_team(batch: &Batch, rewards: &[f32], seen: &mut Vec<f32>) {
-    let width = batch.observations.len() / ((batch.steps + 1) * batch.episodes);
-    seen.clear();
-    for (row, observations) in batch.observations.chunks_exact(width).enumerate() {
-        seen.extend_from_slice(observations);
-        seen.push(row.checked_sub(batch.episodes).map_or(0.0, |before| rewards[before]));
+/// Writes what the team's critic sees, `[T + 1, E, width + 1]`, to `x`: all observations `[T + 1, E, width]`, and the reward of
+/// the step before, 0 at first.
+fn see_as_team(observations: &[f32], width: usize, episodes: usize, rewards: &[f32], x: &mut Buffer) {
+    let rows = observations.chunks_exact(width);
+    let x = x.resize(rows.len() * (width + 1));
+    for (row, (observations, x)) in rows.zip(x.chunks_exact_mut(width + 1)).enumerate() {
+        x[..width].copy_from_slice(observations);
+        x[width] = row.checked_sub(episodes).map_or(0.0, |before| rewards[before]);
     }
 }
 

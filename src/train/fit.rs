@@ -159,8 +159,8 @@ impl PredictorFit {
         predictor.importance = importance(task, settings.own_weight);
         if settings.loss == Loss::Kl && policy.networks().actors_have_senses() {
             return Err(usage!(
-                "the loss kl compares what actors do on the truth and on what is imputed, and those of this policy see \
-                 something else, their `actor_inputs`; take mse or nll"
+                "the loss kl needs actors that see joint estimates as they are, and those of this policy see something else (its \
+                 `actor_inputs`); take mse or nll"
             ));
         }
         if settings.loss == Loss::Kl {

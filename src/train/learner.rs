@@ -9,7 +9,7 @@ use super::memory::Buffer;
 use super::parameters::clip_scale;
 use super::predictor::{LearningPredictor, PredictorLosses};
 use super::returns::standardise;
-use super::settings::{CriticInput, Objective, Settings};
+use super::settings::{Objective, Settings};
 use crate::base::threads::side_by_side;
 use crate::nn::{Dims, Sharing};
 
@@ -92,11 +92,7 @@ impl Learner {
             };
             (0..dims.n_agents).step_by(size).map(move |first| first..first + size)
         };
-        let critic_sharing = match settings.critic_input {
-            CriticInput::Team => Sharing::Shared,
-            _ => settings.critic_sharing,
-        };
-        let (actors, critics) = (groups(settings.networks.sharing), groups(critic_sharing));
+        let (actors, critics) = (groups(settings.networks.sharing), groups(settings.critic_sharing));
         let predictors = settings.networks.predictors.iter().zip(&settings.predictors);
         Learner {
             actors: actors.map(|agents| LearningActor::new(&settings, dims, agents, seed)).collect(),

@@ -18,6 +18,7 @@ use super::predictor::LearningPredictor;
 use super::*;
 use crate::base::rng::{Draws, Purpose};
 use crate::bus::NOT_ARRIVED;
+use crate::environment::{ActionSpace, AgentSpec};
 use crate::nn::{ActorKind, Dims, Input, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing, Sigma};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -33,7 +34,16 @@ fn numbers(seed: u64, n: usize) -> Vec<f32> {
 }
 
 fn dims() -> Dims {
-    Dims { task: "toy".to_string(), n_agents: N, joint: 8, predicted: 6, n_actions: 5, agents: Vec::new() }
+    let agent =
+        AgentSpec { name: "toy".to_string(), observation: Vec::new(), actions: ActionSpace::Discrete(5) };
+    Dims {
+        task: "toy".to_string(),
+        n_agents: N,
+        joint: 8,
+        predicted: 6,
+        n_actions: 5,
+        agents: vec![agent; N],
+    }
 }
 
 fn batch(seed: u64) -> Batch {
@@ -229,6 +239,7 @@ fn the_critic_of_a_team_says_one_value_for_all() {
     let settings = Settings {
         critic_input: CriticInput::Team,
         critic_hidden: 7,
+        critic_sharing: Sharing::Shared,
         ..settings(ActorKind::Mlp, Sharing::Separate)
     };
     let mut team = team(settings, 2);
