@@ -6,8 +6,7 @@ use crate::environment::{About, AgentSpec, Value};
 /// Turns joint observations so that an agent's own part comes first, and divides what is not its own by the number of agents.
 ///
 /// One actor for all agents then learns what to do with the own part once, not once for each place where it may stand, and
-/// before anything else. That is how a team shares out its landmarks. As long as all landmarks weigh the same, every agent goes
-/// to their middle, and no agent gains by leaving first.
+/// before anything else. So a team shares out its landmarks: while all of them weighed the same, teams of six and more did not.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Egocentric {
     agents: usize,
@@ -25,8 +24,8 @@ impl Egocentric {
     pub fn of(dims: &Dims) -> Egocentric {
         let agents = dims.n_agents;
         assert_eq!(dims.agents.len(), agents, "egocentric actors depend on which agents are alike");
-        let periods = (1..=agents).filter(|period| agents.is_multiple_of(*period));
-        let period = periods.clone().find(|&period| repeats(&dims.agents, period)).unwrap_or(agents);
+        let mut periods = (1..=agents).filter(|period| agents.is_multiple_of(*period));
+        let period = periods.find(|&period| repeats(&dims.agents, period)).unwrap_or(agents);
         Egocentric { agents, predicted: dims.predicted, period }
     }
 
