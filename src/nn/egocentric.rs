@@ -6,7 +6,7 @@ use crate::environment::{About, AgentSpec, Value};
 /// Turns joint observations so that an agent's own part comes first, and divides what is not its own by the number of agents.
 ///
 /// One actor for all agents then learns what to do with the own part once, not once for each place where it may stand, and
-/// before anything else. So a team shares out its landmarks: while all of them weighed the same, teams of six and more did not.
+/// before anything else. So a team shares out its landmarks: without the division, teams of eight did not.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Egocentric {
     agents: usize,
