@@ -21,9 +21,6 @@ use crate::bus::{Bell, Header};
 use crate::failed;
 use crate::supervisor::{members_of, say as say_aloud, signals};
 
-/// A host is asked for the time so many times when it joins.
-const FIRST_QUESTIONS: usize = 8;
-
 /// How often a wait looks whether the program was asked to stop.
 const SLICE: Duration = Duration::from_millis(50);
 
@@ -148,10 +145,10 @@ impl Host {
         self.await_time()
     }
 
-    /// Asks for the time, several times since the answer with the smallest error counts, and waits for the first. The others are taken
-    /// as they come: so this takes one way there and back, and what is lost meanwhile holds up nobody.
+    /// Asks for the time, and waits for the answer.
     fn await_time(&mut self) -> Result<()> {
-        (0..FIRST_QUESTIONS).for_each(|_| self.ask_time());
+        let question = self.clock.ask();
+        self.order(question);
         let longest = self.engine.patience.reply();
         let deadline = Instant::now() + longest;
         while Instant::now() < deadline {
