@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use crate::common::{self, await_sleeps, children, fail, shared_memory, stderr};
 use crate::namespaces::{Namespace, skipped};
 use crate::relay::Manners;
-use crate::{Host, alone, assert_same_bits, end, plan, play};
+use crate::{Host, alone, assert_same_bits, await_end, end, plan, play};
 
 /// Two hosts, each behind a relay of its own.
 pub struct Pair {
@@ -82,7 +82,7 @@ fn a_cut_cable_is_a_host_that_is_lost() {
     pair.networks[1].relay().cut(false);
     let supervisor = play(&plan, &[left, right], "--task hear-see --on-failure abort");
     pair.networks[1].relay().cut(true);
-    let output = supervisor.wait_with_output().unwrap();
+    let output = await_end(supervisor);
     let said = stderr(&output);
     assert!(output.status.code() == Some(1) && said.contains("host right"), "{said}");
     pair.assert_empty();
@@ -107,11 +107,13 @@ pub fn interrupt(pair: &Pair, is_time: impl Fn(&Pair) -> bool) {
         std::thread::sleep(Duration::from_millis(1));
     }
     let tags: Vec<String> = pair.hosts.iter().flat_map(Host::swarms).collect();
-    kill_process(Pid::from_child(&supervisor), Signal::INT).unwrap();
-    let output = supervisor.wait_with_output().unwrap();
+    // Not SIGINT: what a script starts in the background ignores that.
+    kill_process(Pid::from_child(&supervisor), Signal::TERM).unwrap();
+    let output = await_end(supervisor);
     let said = stderr(&output);
     // It ends of the signal itself where it has not begun to take it.
-    let is_interrupted = output.status.code() == Some(130) || output.status.signal() == Some(2);
+    let by_itself = Some(Signal::TERM.as_raw());
+    let is_interrupted = output.status.code() == Some(130) || output.status.signal() == by_itself;
     assert!(is_interrupted && !said.contains("panicked"), "{:?}: {said}", output.status);
     pair.assert_empty();
     assert!(tags.iter().all(|tag| shared_memory(tag).is_empty()));

@@ -9,7 +9,7 @@ use tempfile::TempDir;
 use crate::bad_network::{Pair, interrupt, manners};
 use crate::common::{await_sleeps, children, stderr, succeed};
 use crate::namespaces::{Namespace, skipped};
-use crate::{Host, alone, assert_same_bits, end, plan, play};
+use crate::{Host, alone, assert_same_bits, await_end, end, plan, play};
 
 /// The patience that a network which drops a third of all packets takes: TCP waits twice as long after each loss in a row.
 const PATIENT: &str = "300s";
@@ -215,7 +215,7 @@ fn a_cable_cut_for_5_s_is_a_host_that_is_lost_by_default() {
                 end(supervisor)
             }
             _ => {
-                let output = supervisor.wait_with_output().unwrap();
+                let output = await_end(supervisor);
                 (output.status.code(), stderr(&output))
             }
         };

@@ -16,7 +16,7 @@ use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -324,7 +324,21 @@ fn play(plan: &Path, hosts: &[&Host], words: &str) -> Child {
 
 /// Has a supervisor end; its exit code, and what it said.
 fn end(supervisor: Child) -> (Option<i32>, String) {
+    // Not SIGINT: what a script starts in the background ignores that.
     kill_process(Pid::from_child(&supervisor), Signal::TERM).unwrap();
-    let output = supervisor.wait_with_output().unwrap();
+    let output = await_end(supervisor);
     (output.status.code(), stderr(&output))
+}
+
+/// Waits for a supervisor to end.
+fn await_end(mut supervisor: Child) -> Output {
+    let deadline = Instant::now() + Duration::from_secs(120);
+    while supervisor.try_wait().unwrap().is_none() {
+        if Instant::now() > deadline {
+            supervisor.kill().unwrap();
+            panic!("the supervisor does not end: {}", stderr(&supervisor.wait_with_output().unwrap()));
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    supervisor.wait_with_output().unwrap()
 }

@@ -11,7 +11,7 @@ use zenoh::bytes::Encoding;
 use zenoh::{Config, Session, Wait};
 
 use crate::common::{await_sleeps, children, stderr, succeed};
-use crate::{Host, alone, end, key, plan, play};
+use crate::{Host, alone, await_end, end, key, plan, play};
 
 /// A session with a host, as a program of somebody else would have it.
 fn session(host: &Host, secret: Option<String>) -> zenoh::Result<Session> {
@@ -133,7 +133,7 @@ fn who_has_the_key_and_speaks_nonsense_ends_a_swarm_and_no_host() {
 
 /// Waits until the only host of a swarm is lost to it.
 fn assert_ended(supervisor: Child, host: &Host) {
-    let output = supervisor.wait_with_output().unwrap();
+    let output = await_end(supervisor);
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("host left") && !said.contains("panicked"), "{said}");
