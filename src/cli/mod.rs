@@ -38,6 +38,8 @@ use crate::agent::{PolicySource, Registry};
 use crate::base::error::{Error, Result};
 use crate::base::faults::say_what_ended;
 use crate::base::table::table;
+#[cfg(feature = "hosts")]
+pub use crate::hosts::share_engine_threads;
 use crate::latency::peer::PeerSettings;
 use crate::latency::serve;
 use crate::supervisor::AgentCommand;

@@ -37,9 +37,11 @@ mod plain;
 mod plan;
 mod steward;
 mod tally;
+mod threads;
 
 pub(crate) use abroad::Hosts;
 pub(crate) use echo::{Answering, Over, Partner};
 pub(crate) use listen::serve;
 pub(crate) use patience::Patience;
 pub(crate) use plan::Plan;
+pub use threads::share_engine_threads;

@@ -167,6 +167,28 @@ fn hosts_play_as_one_machine_does() {
 }
 
 #[test]
+fn the_engine_divides_its_work_among_threads_as_we_say_unless_the_user_does() {
+    let _alone = alone();
+    const NAME: &str = "ZENOH_RUNTIME";
+    let command = |environment: &[&str]| {
+        let mut command = Command::new(PROGRAM);
+        command.env_remove(NAME).envs(environment.iter().map(|threads| (NAME, threads)));
+        command
+    };
+    let ours = Host::start_by(|| command(&[]), "ours", &[]);
+    let theirs = Host::start_by(|| command(&["(rx: (worker_threads: 1))"]), "theirs", &[]);
+    let (hosts, folder) = ([&ours, &theirs], tempfile::tempdir().unwrap());
+    let supervisor = play(&plan(folder.path(), &hosts, ""), &hosts, "--task hear-see");
+    let receive_only = hosts.map(|host| {
+        let threads = std::fs::read_dir(format!("/proc/{}/task", host.process.id())).unwrap();
+        let name = |thread: PathBuf| std::fs::read_to_string(thread.join("comm")).unwrap_or_default();
+        threads.filter(|thread| name(thread.as_ref().unwrap().path()).starts_with("rx-")).count()
+    });
+    assert_eq!(receive_only, [0, 1]);
+    assert_eq!(end(supervisor).0, Some(130));
+}
+
+#[test]
 fn a_host_that_dies_is_agents_that_die() {
     let _alone = alone();
     let (left, right, folder) =
