@@ -1,4 +1,4 @@
-//! The engine between machines, Zenoh: the only file that names it, but for `plain.rs`.
+//! The engine between machines, Zenoh: the only file that names it, but for `plain.rs` and `threads.rs`.
 //!
 //! A host listens; a supervisor has a session with each of its hosts. A session first carries questions and their answers.
 //! Then a [`Line`] is opened in it, over which either side sends what it likes: all of it arrives, in order. Each side is
