@@ -21,7 +21,8 @@ impl OwnDynamics {
     /// # Errors
     /// `Usage` if they are not known, or not those of this environment.
     pub(super) fn new(setup: &Setup, others: Box<dyn Imputer>, known: Known) -> Result<OwnDynamics> {
-        Ok(OwnDynamics { others, motion: Motion::of(setup, known, vec![setup.agent], 1)? })
+        let motion = Motion::of(setup, known, vec![setup.agent], 1)?;
+        Ok(OwnDynamics { others: motion.rest(setup, others), motion })
     }
 
     /// The mean of a Kalman filter whose model is a constant velocity, with the own action as the control input. Places
@@ -33,7 +34,8 @@ impl OwnDynamics {
     pub(super) fn constant_velocity(setup: &Setup, others: Box<dyn Imputer>) -> Result<OwnDynamics> {
         let model = Dynamics { keep: 1.0, contact: None, ..Known::Fitted.dynamics(setup)? };
         let everybody = (0..setup.spec.n_agents()).collect();
-        Ok(OwnDynamics { others, motion: Motion::new(setup, model, everybody, 1)? })
+        let motion = Motion::new(setup, model, everybody, 1)?;
+        Ok(OwnDynamics { others: motion.rest(setup, others), motion })
     }
 }
 

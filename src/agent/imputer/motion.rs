@@ -1,9 +1,10 @@
 //! Beliefs about where everybody is: moved on by dynamics, put right by what is observed.
 
+use super::hold::Hold;
 use super::law::{Learner, MOST_SEEN};
 use super::past::Past;
 use super::slopes::Slopes;
-use super::{JointLayout, Setup, Step};
+use super::{Imputer, JointLayout, Setup, Step};
 use crate::agent::{Inbox, Received};
 use crate::base::error::{Error, Result};
 use crate::dynamics::{Bodies, Dynamics, Effect, Law};
@@ -96,6 +97,13 @@ impl Motion {
             Known::Fitted => motion.learning(),
             Known::Given => motion,
         })
+    }
+
+    /// The imputer that is left what this does not move: `others`, or the least there is if that is nothing. Of what arrives
+    /// late this may know too little to put it right, so then `others` stay.
+    pub(super) fn rest(&self, setup: &Setup, others: Box<dyn Imputer>) -> Box<dyn Imputer> {
+        let lost = self.layout.predicted() - self.layout.unique;
+        if self.dims.len() == lost && setup.longest_delay == 0 { Box::new(Hold::new(setup)) } else { others }
     }
 
     /// The same, with a law that follows what the agent sees of motion.

@@ -381,6 +381,20 @@ mod tests {
     }
 
     #[test]
+    fn a_predictor_runs_only_where_it_is_left_something() {
+        let task = Task::parse("spread-xy-4").unwrap();
+        let policy = PolicySource::Builtin.load(task.spec()).unwrap();
+        let work = |name, longest_delay| {
+            let setup = Setup { longest_delay, ..Setup::of(task.spec(), &policy, 1) };
+            Registry::default().make(name, &setup).unwrap().multiply_adds()
+        };
+        let predictor = work("value-aware", 0);
+        assert_eq!(work("teammates", 0), work("teammates(hold)", 0));
+        assert_eq!(work("teammates", 2), work("teammates(hold)", 2) + predictor);
+        assert_eq!([work("kalman", 0), work("dynamics", 0)], [0, predictor]);
+    }
+
+    #[test]
     fn a_name_means_one_thing() {
         let registry = Registry::default().with_imputer("maro", "mine", |_| unreachable!());
         let error = registry.choose(Some("maro"), &policy()).unwrap_err().to_string();

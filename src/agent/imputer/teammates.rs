@@ -46,15 +46,16 @@ impl Teammates {
         }
         let everybody = 0..setup.spec.n_agents();
         let teammates: Vec<usize> = everybody.clone().filter(|agent| *agent != setup.agent).collect();
+        let motion = Motion::of(setup, known, everybody.collect(), n_beliefs)?;
         Ok(Teammates {
-            others,
+            others: motion.rest(setup, others),
             agent: setup.agent,
             actors: Actors::new(setup, &teammates, setup.worlds * n_beliefs, guess),
             teammates: teammates
                 .into_iter()
                 .map(|agent| Teammate::new(setup, &dynamics, agent, guess))
                 .collect(),
-            motion: Motion::of(setup, known, everybody.collect(), n_beliefs)?,
+            motion,
             n_beliefs,
             weights: Weights::new(setup.worlds, n_beliefs),
             dice: Dice { guess, seed: setup.seed, agent: setup.agent },
