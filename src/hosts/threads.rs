@@ -1,6 +1,8 @@
 //! How the engine divides its work among threads.
 
 use std::ffi::OsString;
+use std::os::unix::process::CommandExt;
+use std::process::Command;
 
 /// Where it reads that, when it first starts a thread. There is no other way to say it.
 const NAME: &str = "ZENOH_RUNTIME";
@@ -10,16 +12,14 @@ const NAME: &str = "ZENOH_RUNTIME";
 /// that send stay apart: else all could wait for room that only they can make.
 const TWO: &str = "(rx: (handover: app), acc: (handover: app), app: (worker_threads: 2))";
 
-/// Says it to the engine, unless the user does, if the program is started with words that need the engine: then a frame wakes
-/// one thread fewer. Programs that are started later are told, too.
-///
-/// # Safety
-/// No other thread may be running: it could be reading the environment.
-pub unsafe fn share_engine_threads(words: &[OsString]) {
+/// If the program is started with words that need the engine, and the user says nothing else to it, this process starts the
+/// program anew with that in its environment: then a frame wakes one thread fewer. A program cannot safely change the
+/// environment that it has. If it cannot be started anew, the engine does as it does by default.
+pub fn share_engine_threads(words: &[OsString]) {
     let needs_engine =
         words.iter().any(|word| word == "host" || word.as_encoded_bytes().starts_with(b"--hosts"));
-    if needs_engine && std::env::var_os(NAME).is_none() {
-        // SAFETY: nobody else runs, as the caller promises.
-        unsafe { std::env::set_var(NAME, TWO) };
+    let is_said = std::env::var_os(NAME).is_some();
+    if let (true, false, Ok(program)) = (needs_engine, is_said, std::env::current_exe()) {
+        let _ = Command::new(program).args(words).env(NAME, TWO).exec();
     }
 }
