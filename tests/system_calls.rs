@@ -97,10 +97,13 @@ fn a_supervisor_in_real_time_sleeps_to_ends_and_beginnings_of_periods_and_notifi
 
 #[test]
 fn processes_that_spin_make_no_call_a_tick_but_yield() {
-    const TICKS: usize = 20 * EPISODE_STEPS;
+    // Enough that what it takes to begin and to leave, up to some 900 calls, is far from one a tick.
+    const EPISODES: usize = 80;
+    const TICKS: usize = EPISODES * EPISODE_STEPS;
     for process in [an_agent as fn(&Swarm) -> Pid, Swarm::supervisor] {
-        let trace = Trace::of("--task hear-see --p 0.5 --episodes 20 --wait spin", process);
-        // It takes some to begin and to leave, in which yields of the first and the last tick cannot be told apart.
+        let words = format!("--task hear-see --p 0.5 --episodes {EPISODES} --wait spin");
+        let trace = Trace::of(&words, process);
+        // The yields of the first and the last tick cannot be told from those before and after.
         let others = trace.calls.len() - trace.count(&YIELDING);
         assert!(others < TICKS, "{others} in {TICKS} ticks: {}", trace.words());
         assert!(trace.count(&YIELDING) > 0, "{}", trace.words());
