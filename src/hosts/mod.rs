@@ -18,7 +18,7 @@
 //! Times in messages are of the clock of the machine that they are on: the supervisor translates, in both directions, by
 //! what `clock.rs` knows of each host's clock.
 //!
-//! Only `engine.rs` and `threads.rs` name Zenoh, which carries the bytes, and `plain.rs`, which it is compared with.
+//! Only `engine.rs` and `threads.rs` name Zenoh, which carries the bytes, and `plain.rs`, which ours is compared with, does.
 
 mod abroad;
 mod clock;
