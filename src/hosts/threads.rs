@@ -18,8 +18,10 @@ const TWO: &str = "(rx: (handover: app), acc: (handover: app), app: (worker_thre
 pub fn share_engine_threads(words: &[OsString]) {
     let needs_engine =
         words.iter().any(|word| word == "host" || word.as_encoded_bytes().starts_with(b"--hosts"));
-    let is_said = std::env::var_os(NAME).is_some();
-    if let (true, false, Ok(program)) = (needs_engine, is_said, std::env::current_exe()) {
+    if needs_engine
+        && std::env::var_os(NAME).is_none()
+        && let Ok(program) = std::env::current_exe()
+    {
         let _ = Command::new(program).args(words).env(NAME, TWO).exec();
     }
 }
