@@ -105,7 +105,7 @@ impl Fit {
             policy = match &name[..] {
                 DYNAMICS => self.fit_dynamics(policy, &task)?,
                 name => {
-                    let predictors = vec![PredictorSpec::acting(name)];
+                    let predictors = vec![PredictorSpec::acting(name, policy.dims())];
                     let networks = Networks { predictors, ..policy.networks().clone() };
                     networks.check().map_err(|error| usage!("--imputers: {error}"))?;
                     unfinished.push(PathBuf::from(format!("{}.{name}.unfinished", out.display())));
@@ -154,7 +154,7 @@ impl Fit {
             }
             signals::check_stop()
         };
-        let spec = PredictorSpec::acting(name);
+        let spec = PredictorSpec::acting(name, policy.dims());
         let left =
             || format!("{} holds what has been learned; the same command continues", unfinished.display());
         let taught = fit_predictor(policy, task, &spec, &settings, unfinished, progress);

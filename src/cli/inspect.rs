@@ -174,6 +174,7 @@ fn senses_words(inputs: &[Input]) -> String {
         Input::Delivered => ", sees what arrives",
         Input::Age => ", sees ages",
         Input::Innovation => ", sees innovations",
+        Input::Proximity => ", sees who is near",
         Input::OwnAction => ", sees the own action",
     });
     words.collect()

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-use super::{About, Axis, Spec, Unit, Value};
+use super::{About, AgentSpec, Axis, Spec, Unit, Value};
 
 /// The dims of a joint observation that say where each agent is.
 ///
@@ -45,12 +45,17 @@ pub(crate) struct Ghost {
 impl Places {
     /// What an environment says of itself.
     pub(crate) fn of(spec: &Spec) -> Places {
-        let mut agents = vec![<[Vec<Told>; 2]>::default(); spec.n_agents()];
-        for (observer, agent) in spec.agents.iter().enumerate() {
+        Places::among(&spec.agents, spec.unique_dim())
+    }
+
+    /// What is said of the observations of a team. The first `unique` values of each are in the joint observation.
+    pub(crate) fn among(observers: &[AgentSpec], unique: usize) -> Places {
+        let mut agents = vec![<[Vec<Told>; 2]>::default(); observers.len()];
+        for (observer, agent) in observers.iter().enumerate() {
             for (dim, value) in agent.observation.iter().enumerate() {
                 let Some((about, axis)) = place_of(value, &agent.observation) else { continue };
                 if let Some(told) = agents.get_mut(about) {
-                    told[axis as usize].push(Told { observer, dim: observer * spec.unique_dim() + dim });
+                    told[axis as usize].push(Told { observer, dim: observer * unique + dim });
                 }
             }
         }
@@ -61,6 +66,11 @@ impl Places {
     #[cfg(any(feature = "view", test))]
     pub(crate) fn tell(&self, agent: usize) -> bool {
         self.agents[agent].iter().all(|told| !told.is_empty())
+    }
+
+    /// The dims that say where each agent is along x and y, of those of whom both are told.
+    pub(crate) fn dims(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
+        self.agents.iter().filter_map(|[x, y]| Some([x.first()?.dim, y.first()?.dim]))
     }
 
     /// Where `viewer`, whose estimate of the joint observation this is, thinks the others are. Those whose places are

@@ -24,6 +24,7 @@ mod onnx;
 mod pickle;
 mod policy;
 mod predictor;
+mod proximity;
 #[cfg(feature = "candle")]
 pub mod reference;
 mod senses;
@@ -71,7 +72,7 @@ pub struct Dims {
     /// The number of actions of an agent.
     pub n_actions: usize,
     /// What each agent observes and does. Networks of ours need no more than the sizes above, except for egocentric actors, which
-    /// depend on which agents are alike.
+    /// depend on which agents are alike, and predictors that see who is near, which depend on what is a place.
     pub agents: Vec<AgentSpec>,
 }
 

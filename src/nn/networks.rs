@@ -2,6 +2,7 @@
 
 use super::Dims;
 use super::network::{Layer, Network, TensorSpec};
+use super::proximity::Proximity;
 use crate::base::rng::MAX_AGENTS;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -116,6 +117,9 @@ pub enum Input {
     /// Of each predicted dim, the estimate less what the predictor expected it to be: zero where nothing arrived, and in the
     /// first step.
     Innovation,
+    /// Of each agent whose place is told, how near others are to it along x and y: for each of four reaches the sum of how far
+    /// they are within it, as vectors away from them. Bodies push each other so.
+    Proximity,
     /// What the agent itself does in the step, and which agent it is: a one-hot over all actions of all agents, since
     /// agents share predictors.
     OwnAction,
@@ -290,7 +294,13 @@ impl Networks {
 
     /// Says what of this description does not fit `dims`.
     pub(super) fn check_fit(&self, dims: &Dims) -> Result<(), String> {
-        for PredictorSpec { name, held, .. } in &self.predictors {
+        for PredictorSpec { name, held, inputs, .. } in &self.predictors {
+            if inputs.contains(&Input::Proximity) && Proximity::of(dims).is_none() {
+                let task = &dims.task;
+                return Err(format!(
+                    "predictor {name:?} sees `proximity`, and {task} does not tell where two agents or more are; leave it out"
+                ));
+            }
             if let Some(dim) = held.iter().find(|&&dim| dim >= dims.predicted) {
                 let predicted = dims.predicted;
                 return Err(format!(
@@ -309,16 +319,23 @@ impl PredictorSpec {
         PredictorSpec { name: name.to_string(), inputs, sigma, held: Vec::new(), hidden: 128, skip: false }
     }
 
-    /// Ours: as in the paper, but it sees the own action too, and has a skip, by which what follows linearly from what it
-    /// sees need not pass through the LSTM.
-    pub fn acting(name: &str) -> PredictorSpec {
-        let inputs = vec![Input::Estimate, Input::OwnAction];
+    /// Ours: as in the paper, but it also sees the own action and, where places are told, who is near whom. It has a skip, by
+    /// which what follows linearly from what it sees need not pass through the LSTM.
+    pub fn acting(name: &str, dims: &Dims) -> PredictorSpec {
+        let proximity = Proximity::of(dims).map(|_| Input::Proximity);
+        let inputs =
+            [Some(Input::Estimate), proximity, Some(Input::OwnAction)].into_iter().flatten().collect();
         PredictorSpec { inputs, skip: true, ..PredictorSpec::paper(name) }
     }
 
     /// Whether the agent's own action is part of what it sees.
     pub fn sees_own_action(&self) -> bool {
         self.inputs.contains(&Input::OwnAction)
+    }
+
+    /// What it sees of who is near whom.
+    pub(super) fn proximity(&self, dims: &Dims) -> Option<Proximity> {
+        self.inputs.contains(&Input::Proximity).then(|| Proximity::of(dims)).flatten()
     }
 
     /// Whether it sees more than estimates and actions.
@@ -346,6 +363,7 @@ impl Input {
             Input::Estimate | Input::Egocentric => dims.joint,
             Input::Delivered | Input::Age => dims.n_agents,
             Input::Innovation => dims.predicted,
+            Input::Proximity => Proximity::of(dims).map_or(0, |proximity| proximity.width()),
             Input::OwnAction => 0,
         }
     }
@@ -372,8 +390,8 @@ fn check_inputs(inputs: &[Input]) -> Result<(), String> {
         {
             Ok(())
         }
-        _ => Err("sees `estimate` first, and may see `delivered`, `age`, `innovation` and `own-action` behind it, in \
-                  this order, each once"
+        _ => Err("sees `estimate` first, and may see `delivered`, `age`, `innovation`, `proximity` and `own-action` \
+                  behind it, in this order, each once"
             .to_string()),
     }
 }

@@ -463,6 +463,7 @@ impl Policy {
         let predictor = |spec: &PredictorSpec| Predictor {
             spec: spec.clone(),
             network: inference(spec.network(dims), None),
+            proximity: spec.proximity(dims),
             dims: dims.clone(),
         };
         let actors = (0..dims.n_agents).map(actor).collect::<Result<_>>()?;

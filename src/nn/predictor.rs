@@ -4,6 +4,7 @@ use super::Dims;
 use super::file::Precision;
 use super::inference::{Inference, NetworkState, Scratch};
 use super::networks::{Input, PredictorSpec};
+use super::proximity::Proximity;
 use super::senses::Hearing;
 use super::weights::{Storage, Tensor};
 use std::sync::Arc;
@@ -14,6 +15,8 @@ use std::sync::Arc;
 pub struct Predictor {
     pub(super) spec: PredictorSpec,
     pub(super) network: Inference,
+    /// If it sees that.
+    pub(super) proximity: Option<Proximity>,
     pub(super) dims: Dims,
 }
 
@@ -46,7 +49,7 @@ impl Predictor {
         let tensor = |range| Tensor::new(storage.clone(), range, Precision::Full);
         let tensors: Vec<_> = ranges.into_iter().map(tensor).collect();
         let network = Inference::new(&network, None, tensors.iter());
-        Predictor { spec: spec.clone(), network, dims: dims.clone() }
+        Predictor { spec: spec.clone(), network, proximity: spec.proximity(dims), dims: dims.clone() }
     }
 
     /// What kind of predictor this is.
@@ -120,6 +123,9 @@ impl Predictor {
                         seen.extend(estimate.iter().zip(expected).map(|(value, expected)| value - *expected));
                     }
                     Input::Innovation => seen.extend(expected.iter().map(|_| 0.0)),
+                    Input::Proximity => {
+                        self.proximity.iter().for_each(|proximity| proximity.show(estimate, seen));
+                    }
                     Input::OwnAction | Input::Egocentric => {}
                 }
             }

@@ -48,7 +48,8 @@ impl Hearing {
         match input {
             Input::Delivered => seen.extend(heard.map(|heard| f32::from(u8::from(heard.now)))),
             Input::Age => seen.extend(heard.map(|heard| heard.age as f32 / AGE_UNIT)),
-            Input::Estimate | Input::Egocentric | Input::Innovation | Input::OwnAction => {}
+            Input::Estimate | Input::Egocentric | Input::Innovation | Input::Proximity | Input::OwnAction => {
+            }
         }
     }
 

@@ -443,7 +443,7 @@ mod tests {
             (&[("clip", "wide")], "--set: `clip`: invalid type"),
             (
                 &[("predictor_inputs", "estimate,weather")],
-                "--set: `predictor_inputs`: unknown variant `weather`, expected one of `estimate`, `egocentric`, `delivered`, `age`, `innovation`, `own-action`",
+                "--set: `predictor_inputs`: unknown variant `weather`, expected one of `estimate`, `egocentric`, `delivered`, `age`, `innovation`, `proximity`, `own-action`",
             ),
             (&[("predictor_inputs", "own-action")], "\"value-aware\" sees `estimate` first"),
             (&[("predictor_inputs", "estimate,egocentric")], "\"value-aware\" sees `estimate` first"),

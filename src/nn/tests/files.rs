@@ -233,7 +233,7 @@ fn inputs_that_there_are_not_are_refused_by_name() {
     };
     failed(
         &with(r#"["estimate","weather"]"#),
-        "unknown variant `weather`, expected one of `estimate`, `egocentric`, `delivered`, `age`, `innovation`, `own-action`",
+        "unknown variant `weather`, expected one of `estimate`, `egocentric`, `delivered`, `age`, `innovation`, `proximity`, `own-action`",
     );
     failed(&with(r#""weather""#), "unknown variant `weather`");
     failed(&with("7"), "expected `estimate` or a list of inputs");
@@ -247,6 +247,10 @@ fn inputs_that_there_are_not_are_refused_by_name() {
     ] {
         failed(&with(out_of_order), "predictor \"maro\" sees `estimate` first");
     }
+    failed(
+        &with(r#"["estimate","proximity"]"#),
+        "and toy does not tell where two agents or more are; leave it out",
+    );
     failed(&with_word("actor_inputs", Some("[\"estimate\",\"weather\"]")), "unknown variant `weather`");
     let out_of_order = with_word("actor_inputs", Some("[\"estimate\",\"age\",\"delivered\"]"));
     failed(&out_of_order, "the actors see `estimate` or `egocentric` first");

@@ -21,7 +21,11 @@ fn policy() -> Policy {
 }
 
 fn spec() -> PredictorSpec {
-    PredictorSpec { hidden: 8, ..PredictorSpec::acting("fitted") }
+    spec_for(&task())
+}
+
+fn spec_for(task: &Task) -> PredictorSpec {
+    PredictorSpec { hidden: 8, ..PredictorSpec::acting("fitted", &dims(task.spec())) }
 }
 
 fn settings(feed: Feed, loss: Loss) -> FitSettings {
@@ -118,7 +122,8 @@ fn constants_are_found_and_held() {
         let settings = FitSettings { hold_constants, updates: 1, episodes: 3, ..FitSettings::default() };
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("kept");
-        let policy = fit_predictor(&policy, &task, &spec(), &settings, &kept, |_, _| Ok(())).unwrap();
+        let policy =
+            fit_predictor(&policy, &task, &spec_for(&task), &settings, &kept, |_, _| Ok(())).unwrap();
         policy.predictor("fitted").unwrap().spec().held.clone()
     };
     assert!(held(false).is_empty());

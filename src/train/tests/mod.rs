@@ -18,7 +18,7 @@ use super::predictor::LearningPredictor;
 use super::*;
 use crate::base::rng::{Draws, Purpose};
 use crate::bus::NOT_ARRIVED;
-use crate::environment::{ActionSpace, AgentSpec};
+use crate::environment::{About, ActionSpace, AgentSpec, Axis, Value};
 use crate::nn::{ActorKind, Dims, Input, Meta, Networks, Policy, PredictorSpec, Scratch, Sharing, Sigma};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -34,15 +34,22 @@ fn numbers(seed: u64, n: usize) -> Vec<f32> {
 }
 
 fn dims() -> Dims {
-    let agent =
-        AgentSpec { name: "toy".to_string(), observation: Vec::new(), actions: ActionSpace::Discrete(5) };
+    let observation = |agent: usize| {
+        let places = Axis::BOTH.map(|axis| Value::moving(About::Agent(agent), axis, 2 + axis as usize, 1.0));
+        [places, Axis::BOTH.map(|axis| Value::velocity(About::Agent(agent), axis))].concat()
+    };
+    let agent = |agent| AgentSpec {
+        name: "toy".to_string(),
+        observation: observation(agent),
+        actions: ActionSpace::Discrete(5),
+    };
     Dims {
         task: "toy".to_string(),
         n_agents: N,
         joint: 8,
         predicted: 6,
         n_actions: 5,
-        agents: vec![agent; N],
+        agents: (0..N).map(agent).collect(),
     }
 }
 

@@ -148,7 +148,7 @@ fn the_loss_is_over_what_every_agent_predicts_on_what_it_did() {
 
 #[test]
 fn a_predictor_with_senses_learns_from_what_agents_would_have_heard() {
-    use Input::{Age, Delivered, Estimate, Innovation, OwnAction};
+    use Input::{Age, Delivered, Estimate, Innovation, OwnAction, Proximity};
     let mut batch = ended(6);
     let rows = (batch.steps + 1) * batch.episodes * N;
     batch.estimates = numbers(12, rows * dims().joint);
@@ -157,7 +157,8 @@ fn a_predictor_with_senses_learns_from_what_agents_would_have_heard() {
         vec![Estimate, Delivered],
         vec![Estimate, Age],
         vec![Estimate, Innovation],
-        vec![Estimate, Delivered, Age, Innovation, OwnAction],
+        vec![Estimate, Proximity],
+        vec![Estimate, Delivered, Age, Innovation, Proximity, OwnAction],
     ] {
         let spec = PredictorSpec { hidden: 5, inputs: inputs.clone(), ..PredictorSpec::paper("p") };
         let mut learning = still(spec.clone(), Objective::Maro, false);
