@@ -30,7 +30,7 @@ motion is fitted to that: the share of its velocity that a body keeps, what each
 action adds, how far a step moves, and how agents push each other. --physics
 fits it to other physics than those the policy was trained with.
 Any other name makes a new predictor: an LSTM that also sees its agent's own
-action. It learns in closed loop: it imputes for the policy's agents while links
+action and, where places are told, who is near whom. It learns in closed loop: it imputes for the policy's agents while links
 deliver with a probability drawn for each episode. The policy's own weights stay
 as they are. The same command continues a fit that was interrupted or killed;
 the result is bit-identical.")]

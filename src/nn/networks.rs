@@ -293,7 +293,7 @@ impl Networks {
     }
 
     /// Says what of this description does not fit `dims`.
-    pub(super) fn check_fit(&self, dims: &Dims) -> Result<(), String> {
+    pub(crate) fn check_fit(&self, dims: &Dims) -> Result<(), String> {
         for PredictorSpec { name, held, inputs, .. } in &self.predictors {
             if inputs.contains(&Input::Proximity) && Proximity::of(dims).is_none() {
                 let task = &dims.task;

@@ -94,7 +94,7 @@ pub struct Config {
     pub predictor_max_grad_norm: f64,
     /// Hidden size of the predictors.
     pub predictor_hidden: usize,
-    /// What the predictors see: `estimate`, or `estimate` and `own-action`.
+    /// What the predictors see: `estimate` first.
     pub predictor_inputs: Vec<Input>,
     /// Whether a linear map of what the predictors see is added to what they say.
     pub predictor_skip: bool,

@@ -146,8 +146,9 @@ impl State {
                 spec.id
             ));
         }
-        check_memory(config, spec)?;
         let (dims, observation) = (dims(spec), spec.padded_obs_dim());
+        config.networks().check_fit(&dims).map_err(|error| usage!("`predictor_inputs`: {error}"))?;
+        check_memory(config, spec)?;
         let available = available_actions(spec);
         let remembered = if config.replays() { config.replay_episodes } else { 0 };
         let seen = if config.sees_own_actions() { dims.n_agents } else { 0 };

@@ -13,7 +13,14 @@ pub const ACTING: [&str; 2] = ["acting", "seeing-all"];
 pub fn acting(spec: &Spec) -> Policy {
     let inputs = [
         vec![Input::Estimate, Input::OwnAction],
-        vec![Input::Estimate, Input::Delivered, Input::Age, Input::Innovation, Input::OwnAction],
+        vec![
+            Input::Estimate,
+            Input::Delivered,
+            Input::Age,
+            Input::Innovation,
+            Input::Proximity,
+            Input::OwnAction,
+        ],
     ];
     let predictor = |(name, inputs)| PredictorSpec { inputs, hidden: 16, ..PredictorSpec::paper(name) };
     let predictors = ACTING.into_iter().zip(inputs).map(predictor).collect();

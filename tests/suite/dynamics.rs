@@ -129,7 +129,7 @@ fn fitting_changes_nothing_of_a_policy_but_what_it_knows_of_dynamics() {
     assert!(said.contains("predictor acting, 60 updates"), "{said}");
     let held = succeed(&format!("inspect {fitted}"));
     assert!(
-        held.contains("acting (hidden 128, sees the own action, skip)")
+        held.contains("acting (hidden 128, sees who is near, sees the own action, skip)")
             && held.contains("dynamics    fitted"),
         "{held}"
     );

@@ -387,6 +387,8 @@ fn bad_requests_are_refused_and_nothing_is_written() {
     fail(&with("--jobs 2"), 2, &["--seeds"]);
     fail("train --resume", 2, &["--out"]);
     assert!(!out.exists());
+    let blind = with("--task speaker-listener --set predictor_inputs=estimate,proximity");
+    fail(&blind, 2, &["`predictor_inputs`", "does not tell where two agents or more are"]);
     let file = folder.path("file");
     fs::write(&file, "something else").unwrap();
     fail(&format!("train --out {}", file.display()), 1, &["file"]);

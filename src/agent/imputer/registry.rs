@@ -15,14 +15,15 @@ use super::{Imputer, Setup};
 use crate::base::error::Result;
 use crate::dynamics::fit;
 use crate::environment::{PhysicsSpec, Task};
-use crate::nn::Policy;
+use crate::nn::{Policy, PredictorSpec};
 use crate::usage;
 
 /// The imputer that is used if the policy has dynamics and nobody says otherwise. It needs no knowledge that an agent
 /// cannot have.
 const DEFAULT: &str = "dynamics";
 
-/// The predictor that is used if the policy has it but no dynamics, and nobody says otherwise.
+/// The predictor that is used if the policy has it but no dynamics, nor a predictor that sees the own action, and nobody says
+/// otherwise.
 pub const PREFERRED: &str = "value-aware";
 
 /// Beliefs about each world of the imputer `particles`.
@@ -332,10 +333,11 @@ fn parts(name: &str) -> Result<(&str, Option<&str>)> {
     Ok((outer.trim(), Some(rest.trim())))
 }
 
-/// The predictor of a policy that is used where nobody says which.
+/// The predictor of a policy that is used where nobody says which: one that sees what its agent does, if there is one.
 fn best_predictor(policy: &Policy) -> Option<&str> {
-    let preferred = policy.predictor(PREFERRED).map(|_| PREFERRED);
-    preferred.or_else(|| policy.predictor_names().next())
+    let specs = policy.networks().predictors.iter();
+    let rank = |spec: &&PredictorSpec| (!spec.sees_own_action(), spec.name != PREFERRED);
+    specs.min_by_key(rank).map(|spec| &spec.name[..])
 }
 
 impl fmt::Debug for Registry {
@@ -371,6 +373,17 @@ mod tests {
         let networks = Networks::paper(ActorKind::Mlp);
         let untrained = Policy::untrained(policy().dims(), 0, networks).unwrap();
         assert_eq!(registry.choose(None, &untrained).unwrap(), "value-aware");
+        let predictors = ["other", PREFERRED, "acting", "late"].map(|name| match name {
+            "acting" | "late" => PredictorSpec::acting(name, policy().dims()),
+            name => PredictorSpec::paper(name),
+        });
+        for (predictors, best) in
+            [(&predictors[..1], "other"), (&predictors[..2], PREFERRED), (&predictors, "acting")]
+        {
+            let networks = Networks { predictors: predictors.to_vec(), ..Networks::paper(ActorKind::Mlp) };
+            let untrained = Policy::untrained(policy().dims(), 0, networks).unwrap();
+            assert_eq!(registry.choose(None, &untrained).unwrap(), best);
+        }
         assert!(!registry.names(&untrained).any(|name| name == "teammates"));
         for name in ["dynamics", "kalman(hold)"] {
             let error = registry.choose(Some(name), &untrained).unwrap_err().to_string();
