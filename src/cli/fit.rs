@@ -30,10 +30,12 @@ motion is fitted to that: the share of its velocity that a body keeps, what each
 action adds, how far a step moves, and how agents push each other. --physics
 fits it to other physics than those the policy was trained with.
 Any other name makes a new predictor: an LSTM that also sees its agent's own
-action and, where places are told, who is near whom. It learns in closed loop: it imputes for the policy's agents while links
-deliver with a probability drawn for each episode. The policy's own weights stay
-as they are. The same command continues a fit that was interrupted or killed;
-the result is bit-identical.")]
+action and, where places are told, who is near whom. It learns in closed loop:
+it imputes for the policy's agents while links deliver with a probability drawn
+for each episode. From then on `dynamics` leaves to it what it does not move
+itself, unless the policy already had such a predictor. The policy's own weights
+stay as they are. The same command continues a fit that was interrupted or
+killed; the result is bit-identical.")]
 pub struct Fit {
     /// A policy file, or the folder of a training run
     #[arg(value_name = "FILE|DIR")]

@@ -48,11 +48,12 @@ impl Places {
         Places::among(&spec.agents, spec.unique_dim())
     }
 
-    /// What is said of the observations of a team. The first `unique` values of each are in the joint observation.
+    /// What is said of the observations of a team. The first `unique` values of each are its part of the joint observation;
+    /// places in what follows are not found.
     pub(crate) fn among(observers: &[AgentSpec], unique: usize) -> Places {
         let mut agents = vec![<[Vec<Told>; 2]>::default(); observers.len()];
         for (observer, agent) in observers.iter().enumerate() {
-            for (dim, value) in agent.observation.iter().enumerate() {
+            for (dim, value) in agent.observation.iter().take(unique).enumerate() {
                 let Some((about, axis)) = place_of(value, &agent.observation) else { continue };
                 if let Some(told) = agents.get_mut(about) {
                     told[axis as usize].push(Told { observer, dim: observer * unique + dim });
@@ -68,7 +69,7 @@ impl Places {
         self.agents[agent].iter().all(|told| !told.is_empty())
     }
 
-    /// The dims that say where each agent is along x and y, of those of whom both are told.
+    /// The dims that say where each agent is along x and y, of those of whom both are told. If several do, the first one counts.
     pub(crate) fn dims(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
         self.agents.iter().filter_map(|[x, y]| Some([x.first()?.dim, y.first()?.dim]))
     }

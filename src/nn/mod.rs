@@ -52,6 +52,7 @@ pub use onnx::{Choice, Normalisation, OnnxSpec, Said, Seen};
 pub(crate) use onnx::{Description, Files};
 pub use policy::Policy;
 pub use predictor::{Predictor, PredictorState};
+pub(crate) use proximity::Proximity;
 pub(crate) use senses::Senses;
 pub use weights::Tensor;
 pub(crate) use weights::{Aligned, Line};

@@ -117,8 +117,8 @@ pub enum Input {
     /// Of each predicted dim, the estimate less what the predictor expected it to be: zero where nothing arrived, and in the
     /// first step.
     Innovation,
-    /// Of each agent whose place is told, how near others are to it along x and y: for each of four reaches the sum of how far
-    /// they are within it, as vectors away from them. Bodies push each other so.
+    /// For each agent whose place is told and each of four reaches, along x and y: the sum, over the other agents within reach, of
+    /// the direction away from them times `1 - distance / reach`. Bodies that touch push each other in this direction.
     Proximity,
     /// What the agent itself does in the step, and which agent it is: a one-hot over all actions of all agents, since
     /// agents share predictors.
@@ -334,13 +334,18 @@ impl PredictorSpec {
     }
 
     /// What it sees of who is near whom.
-    pub(super) fn proximity(&self, dims: &Dims) -> Option<Proximity> {
+    pub(crate) fn proximity(&self, dims: &Dims) -> Option<Proximity> {
         self.inputs.contains(&Input::Proximity).then(|| Proximity::of(dims)).flatten()
     }
 
     /// Whether it sees more than estimates and actions.
-    pub(crate) fn has_senses(&self) -> bool {
+    pub(super) fn has_senses(&self) -> bool {
         self.inputs.iter().any(|input| ![Input::Estimate, Input::OwnAction].contains(input))
+    }
+
+    /// Whether it sees what arrived, or what it expected itself: what does not follow from estimates and actions of the step.
+    pub(crate) fn hears(&self) -> bool {
+        self.inputs.iter().any(|input| matches!(input, Input::Delivered | Input::Age | Input::Innovation))
     }
 
     /// Its network, from the joint estimate, and what the agent does if it sees that, to mean and raw log-std of every

@@ -15,7 +15,7 @@ use std::sync::Arc;
 pub struct Predictor {
     pub(super) spec: PredictorSpec,
     pub(super) network: Inference,
-    /// If it sees that.
+    /// Who is near whom, if it sees that.
     pub(super) proximity: Option<Proximity>,
     pub(super) dims: Dims,
 }
@@ -26,7 +26,7 @@ pub struct PredictorState {
     network: NetworkState,
     /// The numbers of agents and of predicted dims, if it sees more than estimates and actions.
     sizes: Option<(usize, usize)>,
-    /// Of no agent, unless it sees that.
+    /// Of no agent, if it sees only estimates and actions.
     hearing: Hearing,
     /// What it expected of the step under way, `[rows, predicted]`; nothing in the first one.
     expected: Vec<f32>,
@@ -124,7 +124,9 @@ impl Predictor {
                     }
                     Input::Innovation => seen.extend(expected.iter().map(|_| 0.0)),
                     Input::Proximity => {
-                        self.proximity.iter().for_each(|proximity| proximity.show(estimate, seen));
+                        let proximity =
+                            self.proximity.as_ref().expect("it sees that only where places are told");
+                        proximity.show(estimate, seen);
                     }
                     Input::OwnAction | Input::Egocentric => {}
                 }

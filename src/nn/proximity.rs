@@ -3,13 +3,14 @@
 use super::Dims;
 use crate::environment::places::Places;
 
-/// How near agents are to each other, of those whose places stand in the joint observation.
+/// How near agents are to each other, of those whose places stand in the joint observation. Landmarks and targets do not
+/// count.
 ///
 /// Bodies push each other when they touch, along the line between them. That follows from their places, but not linearly,
-/// and an LSTM takes long to find it. From what is shown here it follows almost linearly, whatever the distance at which
-/// they touch, so long as that is no more than the largest reach.
+/// and an LSTM takes long to find it. From what is shown here it follows almost linearly, if the distance at which they
+/// touch is between the smallest reach and the largest.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Proximity {
+pub(crate) struct Proximity {
     /// The dims that say where an agent is along x and y.
     places: Vec<[usize; 2]>,
 }
@@ -97,14 +98,16 @@ mod tests {
     #[test]
     fn of_several_the_sum_counts() {
         let proximity = of("spread-blindfold").unwrap();
-        let mut joint = vec![0.0; 24];
+        let mut joint = vec![0.0; 18];
         for (dims, x) in proximity.places.iter().zip([0.0, 0.15, -0.25]) {
             joint[dims[0]] = x;
         }
         let seen = seen(&proximity, &joint);
-        // By reach along x: the one at 0.15 m pushes left, the one at 0.25 m right.
-        for (reach, expected) in [0.0, -0.25, -0.5 + 0.5 / 3.0, -0.625 + 0.375].into_iter().enumerate() {
-            assert!((seen[2 * reach] - expected).abs() < 1e-6 && seen[2 * reach + 1] == 0.0, "{seen:?}");
+        // By reach along x: the one in the middle is pushed left by who is 0.15 m away, and right by who is 0.25 m away.
+        let middle = [0.0, -0.25, -0.5 + 0.5 / 3.0, -0.625 + 0.375];
+        let (right, left) = ([0.0, 0.25, 0.5, 0.625], [0.0, 0.0, -0.5 / 3.0, -0.375]);
+        for (expected, seen) in [middle, right, left].as_flattened().iter().zip(seen.chunks_exact(2)) {
+            assert!((seen[0] - expected).abs() < 1e-6 && seen[1] == 0.0, "{seen:?}, not {expected}");
         }
     }
 

@@ -94,7 +94,7 @@ pub struct Config {
     pub predictor_max_grad_norm: f64,
     /// Hidden size of the predictors.
     pub predictor_hidden: usize,
-    /// What the predictors see: `estimate` first.
+    /// What the predictors see, in the order of [`Input`]: `estimate`, and perhaps more.
     pub predictor_inputs: Vec<Input>,
     /// Whether a linear map of what the predictors see is added to what they say.
     pub predictor_skip: bool,

@@ -167,7 +167,7 @@ impl PredictorFit {
             predictor.divergence = Some(Divergence::new(policy, &available_actions(task.spec())));
         }
         let mut batch = Batch::zeros(task.spec(), settings.episodes, settings.feed == Feed::ClosedLoop);
-        if spec.has_senses() && settings.feed == Feed::ClosedLoop {
+        if spec.hears() && settings.feed == Feed::ClosedLoop {
             batch = batch.with_ages(task.spec().n_agents());
         }
         let with_it = policy.with_predictor(&spec, &predictor.parameters.all_values())?;

@@ -10,7 +10,7 @@ use super::network::Passes;
 use super::parameters::{Parameters, clip_scale};
 use super::settings::{Backend, Loss, Objective, PredictorSettings, Settings};
 use crate::bus::NOT_ARRIVED;
-use crate::nn::{Dims, Predictor, PredictorSpec, Scratch};
+use crate::nn::{Dims, Predictor, PredictorSpec, Proximity, Scratch};
 
 /// A predictor in training.
 #[derive(Clone, Debug)]
@@ -23,8 +23,10 @@ pub struct LearningPredictor {
     passes: Passes,
     /// What it sees, `[steps, rows, views, width]`.
     x: Buffer,
-    /// The same predictor as agents run it, if it sees what follows from step to step.
+    /// The same predictor as agents run it, if it hears: what it sees then follows from step to step.
     runs: Option<Predictor>,
+    /// Who is near whom, if it sees that.
+    proximity: Option<Proximity>,
     /// What each step of each agent's own part counts for, `[steps, rows, agents]`.
     weights: Buffer,
     /// What each predicted dim counts for beside that where agents see different things, `[agents, predicted]`; empty if
@@ -64,7 +66,8 @@ impl LearningPredictor {
         let network = spec.network(dims);
         let parameters = Parameters::untrained(&network, seed);
         LearningPredictor {
-            runs: spec.has_senses().then(|| Predictor::new(spec, dims, &parameters.all_values())),
+            runs: spec.hears().then(|| Predictor::new(spec, dims, &parameters.all_values())),
+            proximity: spec.proximity(dims),
             carried: settings.carry_gradients.then(|| Flat::zeros(&parameters.specs)),
             passes: Passes::new(backend, &network),
             parameters,
@@ -271,8 +274,8 @@ impl LearningPredictor {
         Some((loss, sum / (transitions * n_agents * views) as f64))
     }
 
-    /// Writes down what it sees: the joint observation, or the agents' estimates of it, and what the row's agent does
-    /// there if that is part of it. Where there is no transition to learn from it sees zeros.
+    /// Writes down what it sees: the joint observation, or the agents' estimates of it, and who is near whom and what the
+    /// row's agent does there if that is part of it. Where there is no transition to learn from it sees zeros.
     fn see(&mut self, steps: usize, views: usize, trajectories: &Trajectories) {
         if self.runs.is_some() {
             return self.see_by_running(steps, views, trajectories);
@@ -280,17 +283,22 @@ impl LearningPredictor {
         let Trajectories { rows, joint, estimates, actions, .. } = *trajectories;
         let Dims { joint: length, n_agents, .. } = self.dims;
         let width = self.parameters.specs[0].shape[0];
+        let mut near = Vec::new();
         let x = self.x.resize(steps * rows * views * width);
         x.fill(0.0);
         let transitions = x.chunks_exact_mut(views * width).enumerate();
         for (at, x) in transitions.filter(|(at, _)| trajectories.has_transition(*at)) {
             for (agent, x) in x.chunks_exact_mut(width).enumerate() {
-                let (estimate, acts) = x.split_at_mut(length);
+                let (estimate, rest) = x.split_at_mut(length);
                 let seen = match estimates {
                     [] => &joint[at * length..],
                     estimates => &estimates[(at * views + agent) * length..],
                 };
                 estimate.copy_from_slice(&seen[..length]);
+                near.clear();
+                self.proximity.iter().for_each(|proximity| proximity.show(estimate, &mut near));
+                let (proximity, acts) = rest.split_at_mut(near.len());
+                proximity.copy_from_slice(&near);
                 if self.spec.sees_own_action() {
                     acts[self.dims.act(agent, actions[at * n_agents + agent].into())] = 1.0;
                 }

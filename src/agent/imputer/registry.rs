@@ -22,8 +22,7 @@ use crate::usage;
 /// cannot have.
 const DEFAULT: &str = "dynamics";
 
-/// The predictor that is used if the policy has it but no dynamics, nor a predictor that sees the own action, and nobody says
-/// otherwise.
+/// The predictor that is used if nobody says otherwise, unless another one sees its agent's own action.
 pub const PREFERRED: &str = "value-aware";
 
 /// Beliefs about each world of the imputer `particles`.
@@ -373,14 +372,15 @@ mod tests {
         let networks = Networks::paper(ActorKind::Mlp);
         let untrained = Policy::untrained(policy().dims(), 0, networks).unwrap();
         assert_eq!(registry.choose(None, &untrained).unwrap(), "value-aware");
-        let predictors = ["other", PREFERRED, "acting", "late"].map(|name| match name {
-            "acting" | "late" => PredictorSpec::acting(name, policy().dims()),
-            name => PredictorSpec::paper(name),
-        });
-        for (predictors, best) in
-            [(&predictors[..1], "other"), (&predictors[..2], PREFERRED), (&predictors, "acting")]
-        {
-            let networks = Networks { predictors: predictors.to_vec(), ..Networks::paper(ActorKind::Mlp) };
+        let acting = |name| PredictorSpec::acting(name, policy().dims());
+        let [other, paper] = ["other", PREFERRED].map(PredictorSpec::paper);
+        for (predictors, best) in [
+            (vec![other.clone()], "other"),
+            (vec![other.clone(), paper.clone()], PREFERRED),
+            (vec![other, paper, acting("acting"), acting("late")], "acting"),
+            (vec![acting("acting"), acting(PREFERRED)], PREFERRED),
+        ] {
+            let networks = Networks { predictors, ..Networks::paper(ActorKind::Mlp) };
             let untrained = Policy::untrained(policy().dims(), 0, networks).unwrap();
             assert_eq!(registry.choose(None, &untrained).unwrap(), best);
         }
@@ -401,7 +401,7 @@ mod tests {
             let setup = Setup { longest_delay, ..Setup::of(task.spec(), &policy, 1) };
             Registry::default().make(name, &setup).unwrap().multiply_adds()
         };
-        let predictor = work("value-aware", 0);
+        let predictor = work("acting", 0);
         assert_eq!(work("teammates", 0), work("teammates(hold)", 0));
         assert_eq!(work("teammates", 2), work("teammates(hold)", 2) + predictor);
         assert_eq!([work("kalman", 0), work("dynamics", 0)], [0, predictor]);

@@ -89,6 +89,10 @@ pub const IMPUTERS: &[(&str, &str)] = &[
     ),
     ("maro", "The same network, trained on replayed episodes with equal weights."),
     ("lambda0", "The same network, trained on the episodes of value-aware, but with equal weights."),
+    (
+        "acting",
+        "An LSTM that also sees what its agent does and who is near whom, trained afterwards in closed loop.",
+    ),
     ("hold", "The last value received."),
     ("velocity", "The last value received, extrapolated by the velocity received with it."),
     ("zero", "Zeros."),
