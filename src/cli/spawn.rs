@@ -87,7 +87,8 @@ pub struct Spawn {
     #[arg(long, value_name = "FILE|DIR|NAME", default_value = "builtin")]
     policy: String,
 
-    #[arg(long, value_name = "NAME", help = imputer_help("dynamics if fitted to the policy, else its best predictor: one that sees its agent's own action, or value-aware"))]
+    #[arg(long, value_name = "NAME", help = imputer_help("dynamics if fitted to the policy, else its best predictor: one that sees \
+          its agent's own action, or value-aware"))]
     imputer: Option<String>,
 
     /// Start this command in place of agent I, such as '2=python3 agents/python/hold.py'; may be repeated. The program may
